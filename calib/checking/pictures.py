@@ -9,7 +9,7 @@ from pathlib import Path
 from calib.calibration import Calibration
 from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture, View
-from calib.errors import InputError, NotEnoughDataError, OtherBoardError
+from calib.errors import NotEnoughDataError, OtherBoardError
 from calib.fitting.inputs import read_views, session_of_pictures
 from calib.io.files import reading
 from calib.progress import Progress

@@ -18,6 +18,7 @@ from calib.estimation.residual_blocks import pixel_weights
 from calib.inference.fitted_model import FittedModel
 from calib.optics.board_target import Placement
 from calib.optics.params import Values
+from calib.optics.path import Path
 from calib.optics.relief import AMPLITUDES, PROBES, Relief
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -127,12 +128,15 @@ class _BumpScores:
 
     def _scores(self, places: Array, metres: Array, width: float) -> Array:
         """Return (2, K) the scores of the heights of bumps, and the information about them."""
-        offset = (self.chart[:, None] - places) * metres  # (M, K, 2) m
-        fall = np.exp((offset**2).sum(-1) / (-2 * width**2))
-        rise = -fall[..., None] * offset * metres / width**2
-        column = fall[:, None] * self.by_probe[..., :1]  # (M, 2, K)
-        column += np.einsum("mki,mci->mck", rise, self.by_probe[..., 1:])
-        column = column.reshape(-1, len(places))
+        first, second = (
+            (self.chart[:, axis, None] - places[:, axis]) * metres[:, axis] for axis in range(2)
+        )  # (M, K) m
+        fall = np.exp((first**2 + second**2) / (-2 * width**2))
+        first *= metres[:, 0] / -(width**2)
+        second *= metres[:, 1] / -(width**2)
+        height, by_first, by_second = np.moveaxis(self.by_probe, -1, 0)[..., None]  # (M, 2, 1)
+        column = height + by_first * first[:, None] + by_second * second[:, None]
+        column = (column * fall[:, None]).reshape(-1, len(places))
         parts = zip(self.bases, pairwise(self.ends), strict=True)
         by_pose = sum(((basis.T @ column[a:b]) ** 2).sum(0) for basis, (a, b) in parts)
         by_shared = ((self.whitened @ column) ** 2).sum(0)
@@ -147,11 +151,7 @@ def _by_probe(fitted: FittedModel) -> Array:
     path, joint, observations = fitted.model.path, fitted.joint, fitted.observations
     poses = joint.poses[observations.view]
     weights = pixel_weights(path, joint.values, observations, joint.poses, joint.sigma)
-    values = dict(joint.values)
-    if not path.relief:
-        *inner, outer = path.cover
-        path = replace(path, cover=(*inner, replace(outer, relief=EVEN)))
-        values[AMPLITUDES] = torch.zeros(EVEN.grid, dtype=torch.float64)
+    path, values = with_any_relief(path, joint.values)
     trace = path.trace_with_derivatives(
         observations.pixels,
         path.values_of_views(values, poses),
@@ -166,6 +166,15 @@ def _by_probe(fitted: FittedModel) -> Array:
     size = residual.norm(dim=-1).clamp_min(HUBER)
     robust = torch.where(failure == 0, (HUBER / size).sqrt(), 0.0)
     return np.asarray((robust[:, None, None] * derivatives).numpy())
+
+
+def with_any_relief(path: Path, values: Values) -> tuple[Path, Values]:
+    """Return the path and its values with a relief, which is flat where there was none."""
+    if path.relief:
+        return path, values
+    *inner, outer = path.cover
+    path = replace(path, cover=(*inner, replace(outer, relief=EVEN)))
+    return path, {**values, AMPLITUDES: torch.zeros(EVEN.grid, dtype=torch.float64)}
 
 
 def _adjusted(fitted: FittedModel) -> Values:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
-from calib.optics.exposure import MIDDLE
+from calib.inference.glass_detail import exit_chart
 from calib.report.evidence import Array, Evidence
 from calib.session.shapes.registry import find_shape
 
@@ -47,11 +46,7 @@ def exit_points(evidence: Evidence, pixels: Array) -> Array:
     """Return the (N, 2) chart coordinates, SI, where the rays of (N, 2) px leave the glass; NaN
     where no ray does.
     """
-    outer = evidence.path.cover[-1]
-    rays = evidence.path.trace(torch.from_numpy(pixels), evidence.values, MIDDLE)
-    _, values = evidence.path.adjust_pixels(torch.from_numpy(pixels), evidence.values, MIDDLE)
-    chart = torch.stack(outer.surface.chart(outer.frame.at(values).enter(rays.origin)), -1)
-    return torch.where((rays.failure != 0).unsqueeze(-1), torch.nan, chart).numpy()
+    return exit_chart(evidence.path, evidence.values, pixels)
 
 
 def border_pixels(evidence: Evidence, count: int) -> Array:

@@ -1,20 +1,29 @@
-"""Figure: the relief of the outer surface, its standard deviation, and the corners' exit points."""
+"""Figures: the relief of the outer surface, its standard deviation, and the corners' exit points;
+and the surface in detail, as a screen's points show it.
+"""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from calib.calibration import Calibration
+from calib.errors import RefracalError
 from calib.estimation.covariance import covariance_root
+from calib.inference.glass_detail import GlassDetail, glass_detail
 from calib.optics.relief import Relief
 from calib.report.chart import ChartPanel
 from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing
+from calib.session.points_file import point_files, read_dense_points
 
 NODES = (61, 46)
 """Columns and rows of the grid over the chart."""
+MAX_COLUMNS = 140
+"""Columns of the surface in detail."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +94,59 @@ def glass_surface(evidence: Evidence) -> Drawing | None:
             "sigmaLimit": 2 * float(np.median(glass.sigma[glass.visible])),
         }
     return Drawing("glass", "The glass surface", glass.caption, data)
+
+
+def glass_in_detail(evidence: Evidence, session: Path | None) -> Drawing | None:
+    """Return None where the session has no dense points."""
+    detail = session and read_detail(evidence.calibration, session)
+    if not detail:
+        return None
+    x, y, height = shrink(detail)
+    low, high = float(np.nanmin(height)), float(np.nanmax(height))
+    data: dict[str, object] = {
+        "x": x,
+        "y": y,
+        "height": height,
+        "heightTitle": f"height beyond the relief: {low:+.2g} to {high:+.2g} µm",
+        "limit": max(-low, high) or 1.0,
+    }
+    caption = (
+        "What the screen's points show of the outer surface beyond the relief, such as drops and"
+        " scratches: its height where the rays of the picture leave it. Two halves of the poses"
+        f" agree to {1e9 * detail.noise:.2g} nm."
+    )
+    return Drawing("glass-detail", "The glass in detail", caption, data)
+
+
+def read_detail(calibration: Calibration, session: Path) -> GlassDetail | None:
+    """Return the heights that the points of a session show; None where they are too few, or
+    cannot be read any more.
+    """
+    if calibration.board.has_grid:
+        return None
+    camera = calibration.camera
+    try:
+        views = [
+            read_dense_points(file, camera.width, camera.height) for file in point_files(session)
+        ]
+    except RefracalError:
+        return None
+    return glass_detail(calibration, views)
+
+
+def shrink(detail: GlassDetail) -> tuple[Array, Array, Array]:
+    """Return (w,) px, (h,) px and (h, w) µm with at most MAX_COLUMNS columns."""
+    factor = -(-len(detail.x) // MAX_COLUMNS)
+    rows, columns = len(detail.y) // factor, len(detail.x) // factor
+    blocks = detail.height[: rows * factor, : columns * factor]
+    blocks = blocks.reshape(rows, factor, columns, factor).swapaxes(1, 2).reshape(rows, columns, -1)
+    known = np.isfinite(blocks)
+    total = np.where(known, blocks, 0.0).sum(-1)
+    count = known.sum(-1)
+    height = np.where(count > 0, 1e6 * total / np.maximum(count, 1), np.nan)
+    x = detail.x[: columns * factor].reshape(columns, factor).mean(1)
+    y = detail.y[: rows * factor].reshape(rows, factor).mean(1)
+    return x, y, height
 
 
 def heights(evidence: Evidence, relief: Relief) -> Heights:

@@ -19,7 +19,7 @@ from calib.report.distortion import distortion_fields
 from calib.report.effects import EffectRow, effect_rows, effects_html
 from calib.report.evidence import Evidence, gather_evidence
 from calib.report.figure import Drawing
-from calib.report.glass import glass_surface
+from calib.report.glass import glass_in_detail, glass_surface
 from calib.report.page import PageSection, page
 from calib.report.payload import Data
 from calib.report.residual_maps import residual_maps
@@ -30,6 +30,7 @@ from calib.report.straight import straight_html
 from calib.report.summary import summarise
 from calib.report.tables import parameters_html, stages_html
 from calib.report.views import start_thumbnails, views_html
+from calib.session.points_file import FOLDER as POINTS
 from calib.threads import single_thread
 
 NAME = "report.html"
@@ -78,6 +79,7 @@ def write_report(
             drawn.append(drawing(evidence))
             advance(done, "")
         comparison = diagnosis_comparison(before, evidence) if DRAWINGS else None
+        drawn.append(glass_in_detail(evidence, session))
         drawings = [drawing for drawing in (comparison, *drawn) if drawing]
         sections = _sections(
             evidence,
@@ -153,13 +155,14 @@ def page_data(evidence: Evidence, drawings: Sequence[Drawing]) -> Data:
 
 
 def _session(calibration: Calibration, folder: Path, pictures: Path | None) -> Path | None:
-    """Return the folder of the session with the pictures: the fitted one, or else the parent of the
-    calibration's folder; None if neither has pictures.
+    """Return the folder of the session with the pictures or points: the fitted one, or else the
+    parent of the calibration's folder; None if neither has any.
     """
     provenance = calibration.request.provenance
     fitted = provenance and provenance.session
     places = [place for place in (pictures, fitted and Path(fitted)) if place]
+    places.append(folder.resolve().parent)
     return next(
-        (place for place in (*places, folder.resolve().parent) if frames_folder(place).is_dir()),
+        (p for p in places if frames_folder(p).is_dir() or (p / POINTS).is_dir()),
         None,
     )

@@ -34,8 +34,12 @@ def point_files(folder: Path) -> tuple[Path, ...]:
 
 
 def read_point_view(path: Path, width: int, height: int) -> PointView:
-    """Return the points of one view in a picture of this size in px, neighbours averaged
-    (`bin_points`).
+    """Return the points of one view as `read_dense_points`, neighbours averaged (`bin_points`)."""
+    return bin_points(read_dense_points(path, width, height))
+
+
+def read_dense_points(path: Path, width: int, height: int) -> PointView:
+    """Return all points of one view in a picture of this size in px.
 
     Raises:
         InputError: the file is damaged, or its numbers cannot be those of points.
@@ -72,7 +76,7 @@ def read_point_view(path: Path, width: int, height: int) -> PointView:
             f"{path} has a covariance that is not symmetric with variances above 0: give that of"
             " each pixel in px^2, such as 0.01 on the diagonal for 0.1 px."
         )
-    return bin_points(PointView(path.name, pixels, target[:, :2], covariance))
+    return PointView(path.name, pixels, target[:, :2], covariance)
 
 
 def _numbers(

@@ -45,7 +45,7 @@ def differing_views(case: Case) -> Iterator[Reason]:
     command = case.next.report() if diagnosed else case.next.diagnose()
     if gain or beyond_noise(case):
         rival = max([gain, *(test.chi2 / 2 for test in scores)])
-        if _bump_gain(case) > rival:
+        if _bump_gain(case.calibration) > rival:
             yield Reason(BUMP, command, (FineSurface.name,))
             return
     if differing and gain:
@@ -61,18 +61,19 @@ def _is_point_noise(case: Case) -> bool:
     return not has_grid and noise is not None and case.left_px <= POINT_NOISE * noise
 
 
-def _bump_gain(case: Case) -> float:
+@lru_cache(maxsize=1)  # a report and the command that writes it both judge
+def _bump_gain(calibration: Calibration) -> float:
     """Return the increase of the log evidence by one small bump on the glass, at most; 0 if the
     views do not agree on one. Where it is seen, it looks as if something differed from view to
     view.
     """
-    fitted, calibration = case.optimum, case.calibration
+    fitted = optimum_of(calibration)
     context = effect_context(fitted, calibration.board, calibration.camera, locate=True)
     tests = score_tests(fitted, FineSurface.propose(context)[-1:])
     return max((test.chi2 / 2 for test in tests if test.p_value < AGREED), default=0.0)
 
 
-@lru_cache(maxsize=1)  # a report and the command that writes it both judge
+@lru_cache(maxsize=1)
 def find_differing(calibration: Calibration) -> Differing | None:
     """Return what differs from view to view in a calibration; None if nothing does."""
     fitted = optimum_of(calibration)

@@ -14,8 +14,10 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
+from calib.inference.glass_detail import GlassDetail, exit_chart, glass_detail
 from calib.optics.relief import Bump
 from calib.progress import Silent
+from calib.session.points_file import point_files, read_dense_points
 from calib.session.session import read_session
 from calib.verdict.judge import judge
 from fixtures.rays import FIXTURES, map_error
@@ -35,8 +37,22 @@ def calibrate(name: str, views: int) -> Calibration:
 
 
 @cache
+def calibrated(name: str) -> Calibration:
+    return calibrate(name, 12)
+
+
+@cache
 def diagnosed(name: str) -> tuple[Calibration, Diagnosis]:
-    return diagnose(calibrate(name, 12), Silent())
+    return diagnose(calibrated(name), Silent())
+
+
+def detail_of(calibration: Calibration, name: str) -> GlassDetail:
+    camera = calibration.camera
+    files = point_files(FIXTURES / name)
+    views = [read_dense_points(file, camera.width, camera.height) for file in files]
+    detail = glass_detail(calibration, views)
+    assert detail
+    return detail
 
 
 def parameter(finding: Diagnosis, name: str) -> tuple[float, float]:
@@ -121,11 +137,51 @@ def test_a_step_is_noticed_and_not_named() -> None:
     fits are left out, and its centres are 2.7 mm apart. The error stays 30 times the noise, and the
     verdict says so.
     """
-    calibration = calibrate("screen-step", 12)
+    calibration = calibrated("screen-step")
     assert calibration.noise_px
     assert calibration.stages[-1].rms_px > 10 * calibration.noise_px
     sentences = [reason.sentence for reason in judge(calibration).reasons]
     assert any(sentence.startswith("the error is 0.1") for sentence in sentences), sentences
+
+
+@pytest.mark.slow
+def test_the_glass_in_detail_is_flat_where_the_relief_says_it_all() -> None:
+    detail = detail_of(calibrated("screen-clean"), "screen-clean")
+    height = detail.height[np.isfinite(detail.height)]
+    print(f"clean: {1e9 * height.std():.1f} nm, halves agree to {1e9 * detail.noise:.1f} nm")
+    assert len(height) > 0.95 * detail.height.size
+    assert height.std() < 1e-8
+
+
+@pytest.mark.slow
+def test_the_glass_in_detail_shows_a_step_where_it_is_and_as_high_as_it_is() -> None:
+    """A step of 2 um that rises within 0.3 mm. The axis of the cone is known to 0.3 mm."""
+    calibration = calibrated("screen-step")
+    detail = detail_of(calibration, "screen-step")
+    with np.load(FIXTURES / "screen-step" / "truth.npz") as file:
+        height, width, y, lean = file["step"].tolist()
+    path, values = calibration.model()
+    pixels = np.stack(np.meshgrid(detail.x, detail.y), -1).reshape(-1, 2)
+    chart = exit_chart(path, values, pixels)
+    distance = (chart[:, 0] - y) * np.cos(lean) - RADIUS * chart[:, 1] * np.sin(lean)
+    heights = detail.height.ravel()
+    sides = [heights[sign * distance > 4 * width] for sign in (1, -1)]
+    high, low = (float(np.nanmedian(side)) for side in sides)
+    middle = distance[np.abs(heights - (high + low) / 2) < 0.1 * (high - low)]
+    print(f"step of {1e6 * (high - low):.3f} um, true {1e6 * height:.3f} um")
+    print(f"its line is off by {1e3 * np.abs(middle).mean():.2f} mm")
+    assert high - low == pytest.approx(height, rel=0.05)
+    assert np.abs(middle).mean() < 3e-4
+    assert all(np.nanstd(side) < 0.05 * height for side in sides)
+
+
+@pytest.mark.slow
+def test_the_glass_in_detail_shows_a_drop_before_and_after_it_is_in_the_model() -> None:
+    for calibration in (calibrated("screen-drop"), diagnosed("screen-drop")[0]):
+        detail = detail_of(calibration, "screen-drop")
+        peak = float(np.nanmax(detail.height) - np.nanmedian(detail.height))
+        print(f"drop of {1e6 * peak:.2f} um")
+        assert peak == pytest.approx(6e-6, rel=0.05)
 
 
 @pytest.mark.slow

@@ -301,6 +301,18 @@ function drawGlass(host, packed) {
   addColourKey(host, `${digits(-packed.limit, 2)} µm`, `${digits(packed.limit, 2)} µm`, `${ORANGE}, transparent`, BLUE);
 }
 
+function drawGlassDetail(host, packed) {
+  const field = gridOf(packed), values = numbers(packed.height), colour = value => value < 0 ? ORANGE : BLUE;
+  addPanel(host, {
+    title: packed.heightTitle, label: "the glass in detail",
+    options: width => pictureOptions(width, [
+      ...fieldMarks(field, values, packed.limit, [], {colour}),
+      tip(fieldNodes(field, values), node => `${digits(node.value, 3)} µm\nat ${Math.round(node.x)}, ${Math.round(node.y)} px`),
+    ], FIELD_SCALES),
+  });
+  addColourKey(host, `${digits(-packed.limit, 2)} µm`, `${digits(packed.limit, 2)} µm`, `${ORANGE}, transparent`, BLUE);
+}
+
 /** Return where the corners' rays leave the glass. */
 function exitPoints() {
   const packed = DATA.figures.coverage?.exits;

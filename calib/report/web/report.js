@@ -2,7 +2,7 @@
 
 const FIGURES = {
   comparison: drawComparison, scene: drawScene, "side-view": drawSideView, "board-errors": drawBoardErrors, residuals: drawResiduals,
-  distortion: drawDistortion, "by-depth": drawByDepth, glass: drawGlass, sigma: drawSigma, coverage: drawCoverage,
+  distortion: drawDistortion, "by-depth": drawByDepth, glass: drawGlass, "glass-detail": drawGlassDetail, sigma: drawSigma, coverage: drawCoverage,
 };
 
 wireViews();
