@@ -35,6 +35,8 @@ from calib.verdict.thresholds import (
 )
 from calib.verdict.verdict import Reason, uncapitalised
 
+MIN_PART = 0.05
+"""The part of an error far above the noise that an effect explains at the least to be named."""
 MANY = 10.0
 """Times, from which on the decimals do not matter."""
 NOT_ALL_NOISE = "the error is not all noise"
@@ -49,6 +51,7 @@ def residual(case: Case) -> Iterator[Reason]:
     if noise is not None and beyond_noise(case):
         ratio = case.left_px / noise
         times = f"{ratio:.1f}" if ratio < MANY else f"{ratio:.0f}"
+        likely = [(effect, gain) for effect, gain in likely if gain > MIN_PART]
         sentence = (
             f"the error is {case.left_px:.3f} px, {times} times the corners' noise of about"
             f" {noise:.3f} px"
@@ -72,6 +75,8 @@ def residual(case: Case) -> Iterator[Reason]:
         sentence += (
             ": the model lacks something, or the board, cover or intrinsics are not as described."
         )
+        if not case.calibration.board.has_grid and case.calibration.cover.shape != "none":
+            sentence += " The report shows the glass in detail: look for drops and scratches."
     if case.calibration.cover.shape == "none":
         sentence += " If the camera looks through glass or plastic, describe its cover first."
     diagnosed = case.calibration.history.diagnosis is not None
