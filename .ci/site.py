@@ -25,6 +25,8 @@ OUTPUT = re.compile(r'(<div class="highlight">)<pre>((?:(?!<span class).)*?)</pr
 """A block without colours: what a command prints."""
 SHORT_CODE = re.compile(r"(?<!</span>)(?<!<pre>)<code>([^<\n]{1,36})</code>")
 """Code within a sentence that is narrower than a phone."""
+CODE = re.compile(r"<code(?: [^>]*)?>.*?</code>", re.DOTALL)
+OPTION = re.compile(r"(?<=[>\s])(--?[A-Za-z][A-Za-z0-9-]*)(?=[<\s=])")
 FEWEST, MOST = 42, 110
 """Columns: fewer have room on a phone, and more could not be read there."""
 TABULAR = re.compile(r"[│┃┏┡├└]|\S {2,}\S")
@@ -110,7 +112,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """
     here = Path(page.file.abs_src_path)
     if MESSAGES in markdown:
-        markdown = markdown.replace(MESSAGES, f"## Every message\n\n{all_messages()}")
+        markdown = markdown.replace(MESSAGES, all_messages())
     markdown = ALERT.sub(admonition, markdown)
 
     def moved(match: re.Match[str]) -> str:
@@ -174,9 +176,10 @@ def coloured(block: str) -> str:
 
 def on_page_content(html: str, **_: Any) -> str:
     """Every block of output says how many columns it has, for the style sheet. A short command in a
-    sentence stays in one line.
+    sentence stays in one line, and an option everywhere.
     """
     html = SHORT_CODE.sub(r'<code class="whole">\1</code>', html)
+    html = CODE.sub(lambda code: OPTION.sub(r'<span class="option">\1</span>', code[0]), html)
     return OUTPUT.sub(lambda match: f"{match[1]}{sized(match[2])}", html)
 
 

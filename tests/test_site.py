@@ -146,8 +146,7 @@ def test_the_reference_has_every_name_of_the_library() -> None:
 
 
 def test_the_site_lists_every_message() -> None:
-    """The last heading of the troubleshooting page, filled from the code."""
-    page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    page = (DOCS / "messages.md").read_text(encoding="utf-8")
     assert HOOKS.MESSAGES in page
     messages = HOOKS.all_messages().splitlines()
     assert len(messages) > 250

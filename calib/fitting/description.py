@@ -36,7 +36,10 @@ NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined
 CONTRADICTED, AS_DECLARED = "contradicted", "as declared"
 ANY_SHAPE = "any shape"
 NOTES = {
-    NOT_FITTED: "kept at the value that you gave, or at the default.",
+    NOT_FITTED: (
+        "kept at the value that you gave, or at the default. If all numbers are, they moved beyond"
+        " their tolerances when they were free: the model lacks something."
+    ),
     CORRECTED: (
         "the pictures give another value, 3 of its sigmas away or more, which your tolerance"
         " allows."

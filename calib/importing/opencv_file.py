@@ -18,6 +18,9 @@ from calib.session.lens import COEFFICIENTS
 CAMERA_KEYS = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K")
 LENS_KEYS = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "Distortion_Coefficients", "D")
 
+FISHEYE_COUNT = 4
+"""The number of coefficients of cv2.fisheye."""
+
 
 @contextmanager
 def opened_storage(file: Path) -> Iterator[cv2.FileStorage]:
@@ -38,6 +41,7 @@ def read_opencv_intrinsics(file: Path) -> list[float]:
     matrix: NDArray[np.float64] | None = None
     lens: list[float] = []
     fisheye = False
+    key = ""
     with opened_storage(file) as storage:
         for key in CAMERA_KEYS:
             node = storage.getNode(key)
@@ -55,6 +59,12 @@ def read_opencv_intrinsics(file: Path) -> list[float]:
         raise InputError(
             f"{file} lacks a camera_matrix of 3x3 numbers, or distortion_coefficients of {counts}"
             " numbers: write fx,fy,cx,cy and the coefficients, such as 1200,1200,640,360"
+        )
+    if key == "D" and len(lens) == FISHEYE_COUNT:
+        raise InputError(
+            f"{file} has 4 numbers in D, as cv2.fisheye writes them: write camera.intrinsics with"
+            " model: fisheye in session.yaml. If they are k1, k2, p1 and p2, write"
+            " fx,fy,cx,cy,k1,k2,p1,p2 in place of the file."
         )
     if fisheye:
         raise InputError(

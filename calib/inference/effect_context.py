@@ -128,9 +128,8 @@ class _BumpScores:
 
     def _scores(self, places: Array, metres: Array, width: float) -> Array:
         """Return (2, K) the scores of the heights of bumps, and the information about them."""
-        first, second = (
-            (self.chart[:, axis, None] - places[:, axis]) * metres[:, axis] for axis in range(2)
-        )  # (M, K) m
+        offset = (self.chart[:, None] - places) * metres  # (M, K, 2) m
+        first, second = np.moveaxis(offset, -1, 0)
         fall = np.exp((first**2 + second**2) / (-2 * width**2))
         first *= metres[:, 0] / -(width**2)
         second *= metres[:, 1] / -(width**2)

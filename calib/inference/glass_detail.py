@@ -79,29 +79,30 @@ def glass_detail(calibration: Calibration, views: Sequence[PointView]) -> GlassD
     for number, view in enumerate(used):
         pose = torch.from_numpy(calibration.poses[index[view.name]])
         landed, slopes = _land(path, values, view.pixels, pose)
-        seen = np.isfinite(landed).all(-1)
-        landed, slopes = landed[seen], slopes[seen]
+        lands = np.isfinite(landed).all(-1)
+        landed, slopes = landed[lands], slopes[lands]
         # A point counts by its pixel's variance: on the target, it is as far as slopes reach.
-        spread = (slopes**2).sum((1, 2)) * np.trace(view.covariance, axis1=1, axis2=2)[seen]
-        residual = view.places[seen] - landed
-        place, half = cells.of_pixels(view.pixels[seen]), number % 2
+        spread = (slopes**2).sum((1, 2)) * np.trace(view.covariance, axis1=1, axis2=2)[lands]
+        residual = view.places[lands] - landed
+        place, half = cells.of_pixels(view.pixels[lands]), number % 2
         for i in range(2):
             for k in range(2):
                 products = (slopes[:, :, i] * slopes[:, :, k]).sum(1) / spread
                 normal[half, :, i, k] += np.bincount(place, products, cells.count)
             moments = (slopes[:, :, i] * residual).sum(1) / spread
             right[half, :, i] += np.bincount(place, moments, cells.count)
-    both = np.all(normal[:, :, 0, 0] > 0, axis=0)
-    normal[:, ~both], right[:, ~both] = normal[:, ~both].sum(0), right[:, ~both].sum(0)
-    known: NDArray[np.bool_] = normal[0, :, 0, 0] > 0
-    chart = exit_chart(path, values, cells.middles()[known])
-    known[known] = np.isfinite(chart).all(-1)
+    in_halves = np.all(normal[:, :, 0, 0] > 0, axis=0)
+    normal[:, ~in_halves] = normal[:, ~in_halves].sum(0)
+    right[:, ~in_halves] = right[:, ~in_halves].sum(0)
+    visible: NDArray[np.bool_] = normal[0, :, 0, 0] > 0
+    chart = exit_chart(path, values, cells.middles()[visible])
+    visible[visible] = np.isfinite(chart).all(-1)
     chart = chart[np.isfinite(chart).all(-1)]
-    slopes = np.asarray(np.linalg.solve(normal[:, known], right[:, known, :, None])[..., 0])
-    heights = integrate_slopes(cells.grid(known), chart, slopes)
+    slopes = np.asarray(np.linalg.solve(normal[:, visible], right[:, visible, :, None])[..., 0])
+    heights = integrate_slopes(cells.grid(visible), chart, slopes)
     height = np.full(cells.count, np.nan)
     model = heights_of_effects(path, values, chart)
-    height[known] = heights.mean(0) + model - model.mean()
+    height[visible] = heights.mean(0) + model - model.mean()
     rows, columns = cells.shape
     return GlassDetail(
         x=cells.low[0] + cells.side * np.arange(columns),
@@ -151,10 +152,10 @@ class _Cells:
         row, column = np.divmod(np.arange(self.count), self.shape[1])
         return np.asarray(self.low + self.side * np.stack([column, row], -1))
 
-    def grid(self, known: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Return (rows, columns) the numbers of the known squares among these; -1 for others."""
+    def grid(self, visible: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Return (rows, columns) the numbers of the visible squares among these; -1 for others."""
         numbers = np.full(self.count, -1, np.int64)
-        numbers[known] = np.arange(np.count_nonzero(known))
+        numbers[visible] = np.arange(np.count_nonzero(visible))
         return numbers.reshape(self.shape)
 
 
@@ -174,15 +175,14 @@ def integrate_slopes(grid: NDArray[np.int64], chart: Array, slopes: Array) -> Ar
         chart: (N, 2) chart coordinates of the places.
         slopes: (K, N, 2) m per unit of the chart.
     """
-    across = np.stack([grid[:, :-1].ravel(), grid[:, 1:].ravel()], -1)
-    down = np.stack([grid[:-1].ravel(), grid[1:].ravel()], -1)
-    pairs = np.concatenate([across, down])
+    rows = np.stack([grid[:, :-1].ravel(), grid[:, 1:].ravel()], -1)
+    columns = np.stack([grid[:-1].ravel(), grid[1:].ravel()], -1)
+    pairs = np.concatenate([rows, columns])
     first, second = pairs[(pairs >= 0).all(-1)].T
     rises = ((slopes[:, first] + slopes[:, second]) / 2 * (chart[second] - chart[first])).sum(-1)
-    count, rows = len(chart), np.arange(len(first))
-    ones = np.ones(len(first))
-    entries = np.concatenate([-ones, ones])
-    places = np.concatenate([rows, rows]), np.concatenate([first, second])
+    count, pair = len(chart), np.arange(len(first))
+    entries = np.repeat([-1.0, 1.0], len(first))
+    places = np.concatenate([pair, pair]), np.concatenate([first, second])
     differences = coo_array((entries, places), shape=(len(first), count)).tocsc()
     laplacian = splu((differences.T @ differences + LEVEL * eye_array(count)).tocsc())
     heights = laplacian.solve((rises @ differences).T).T

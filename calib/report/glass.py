@@ -101,7 +101,7 @@ def glass_in_detail(evidence: Evidence, session: Path | None) -> Drawing | None:
     detail = session and read_detail(evidence.calibration, session)
     if not detail:
         return None
-    x, y, height = shrink(detail)
+    x, y, height = shrink_detail(detail)
     low, high = float(np.nanmin(height)), float(np.nanmax(height))
     data: dict[str, object] = {
         "x": x,
@@ -134,15 +134,15 @@ def read_detail(calibration: Calibration, session: Path) -> GlassDetail | None:
     return glass_detail(calibration, views)
 
 
-def shrink(detail: GlassDetail) -> tuple[Array, Array, Array]:
+def shrink_detail(detail: GlassDetail) -> tuple[Array, Array, Array]:
     """Return (w,) px, (h,) px and (h, w) µm with at most MAX_COLUMNS columns."""
     factor = -(-len(detail.x) // MAX_COLUMNS)
     rows, columns = len(detail.y) // factor, len(detail.x) // factor
     blocks = detail.height[: rows * factor, : columns * factor]
     blocks = blocks.reshape(rows, factor, columns, factor).swapaxes(1, 2).reshape(rows, columns, -1)
-    known = np.isfinite(blocks)
-    total = np.where(known, blocks, 0.0).sum(-1)
-    count = known.sum(-1)
+    is_finite = np.isfinite(blocks)
+    total = np.where(is_finite, blocks, 0.0).sum(-1)
+    count = is_finite.sum(-1)
     height = np.where(count > 0, 1e6 * total / np.maximum(count, 1), np.nan)
     x = detail.x[: columns * factor].reshape(columns, factor).mean(1)
     y = detail.y[: rows * factor].reshape(rows, factor).mean(1)

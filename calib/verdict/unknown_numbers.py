@@ -9,6 +9,9 @@ from calib.verdict.case import Case
 from calib.verdict.uncertainty import map_sigmas
 from calib.verdict.verdict import Reason
 
+USABLE = " You can use the maps: their sigma includes that."
+"""What is true where this is the only reason."""
+
 
 def unknown_shape(case: Case) -> Iterator[Reason]:
     """Name the shapes that are about as probable as the one that the fit chose."""
@@ -71,10 +74,7 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
         if is_lens
         else "measure it, or take pictures of the board near and tilted"
     )
-    sentence = (
-        f"your pictures do not determine {listed}. You can use the maps: their sigma includes"
-        f" that. If you need the number, {advice}."
-    )
+    sentence = f"your pictures do not determine {listed}.{USABLE} If you need the number, {advice}."
     uses = case.next.uses(case.usual_depths[0], mapped=bool(case.depths))
     command = next(iter(uses), case.next.capture())  # the maps are as good as they say
     yield Reason(sentence, command, tuple(number.name for number in numbers))

@@ -166,7 +166,7 @@ def test_the_glass_in_detail_shows_a_step_where_it_is_and_as_high_as_it_is() -> 
     distance = (chart[:, 0] - y) * np.cos(lean) - RADIUS * chart[:, 1] * np.sin(lean)
     heights = detail.height.ravel()
     sides = [heights[sign * distance > 4 * width] for sign in (1, -1)]
-    high, low = (float(np.nanmedian(side)) for side in sides)
+    high, low = np.array([np.nanmedian(side) for side in sides]).tolist()
     middle = distance[np.abs(heights - (high + low) / 2) < 0.1 * (high - low)]
     print(f"step of {1e6 * (high - low):.3f} um, true {1e6 * height:.3f} um")
     print(f"its line is off by {1e3 * np.abs(middle).mean():.2f} mm")

@@ -34,6 +34,12 @@ def test_what_is_no_such_lens_is_refused(tmp_path: Path) -> None:
         read_opencv_intrinsics(write_camera(tmp_path / "a.yml", LENS[:4], fisheye=1))
     with pytest.raises(InputError, match="distortion_coefficients of 0, 4, 5"):
         read_opencv_intrinsics(write_camera(tmp_path / "b.yml", LENS[:3]))
+    storage = cv2.FileStorage(str(tmp_path / "d.yml"), cv2.FILE_STORAGE_WRITE)
+    storage.write("K", np.eye(3))
+    storage.write("D", np.array([LENS[:4]]))
+    storage.release()
+    with pytest.raises(InputError, match=r"as cv2\.fisheye writes them"):
+        read_opencv_intrinsics(tmp_path / "d.yml")
     (tmp_path / "c.yml").write_text("a: 1\n")
     with pytest.raises(InputError, match="lacks a camera_matrix"):
         read_opencv_intrinsics(tmp_path / "c.yml")

@@ -12,11 +12,11 @@ def test_slopes_of_a_known_surface_give_its_heights() -> None:
     """
     rows, columns = 30, 40
     first, second = np.meshgrid(1e-4 * np.arange(rows), 2e-3 * np.arange(columns), indexing="ij")
-    known = np.ones((rows, columns), np.bool_)
-    known[10:15, 20:27] = False
+    is_glass = np.ones((rows, columns), np.bool_)
+    is_glass[10:15, 20:27] = False
     grid = np.full((rows, columns), -1)
-    grid[known] = np.arange(known.sum())
-    y, angle = first[known], second[known]
+    grid[is_glass] = np.arange(is_glass.sum())
+    y, angle = first[is_glass], second[is_glass]
     height = 3 * y**2 + 1e-5 * angle**2 + 2e-3 * y * angle
     slopes = np.stack([6 * y + 2e-3 * angle, 2e-5 * angle + 2e-3 * y], -1)
     noise = np.random.default_rng(0).normal(0, 1e-6, slopes.shape) * [1.0, 0.05]

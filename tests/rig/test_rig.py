@@ -237,12 +237,12 @@ def unevenly_printed(made: SimulatedRig, size: float) -> SimulatedRig:
     moved = board + np.outer(1.5 * (board[:, 0] / made.board.half[0]) ** 2 - 0.5, [size, 0, 0])
     views: dict[str, tuple[View, ...]] = {}
     for name, camera in made.cameras.items():
-        seen = []
+        moved_views = []
         for view, pose in zip(made.views[name], made.placements, strict=True):
             places = [move_points(pose, torch.from_numpy(p)).numpy() for p in (moved, board)]
             shift = np.subtract(*map(camera.see, places))
-            seen.append(replace(view, corners=view.corners + shift))
-        views[name] = tuple(seen)
+            moved_views.append(replace(view, corners=view.corners + shift))
+        views[name] = tuple(moved_views)
     return replace(made, views=views)
 
 
