@@ -52,7 +52,9 @@ def run_command(
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     parser = _parser(program, description, commands, groups, epilog)
-    words = sys.argv[1:] if argv is None else argv
+    words = list(sys.argv[1:] if argv is None else argv)
+    if words[:1] == ["help"]:  # as git has it
+        words = [*words[1:], "--help"]
     if not words:
         parser.print_help()
         parser.exit(2, f"{program}: name a COMMAND; {program} COMMAND --help explains it.\n")

@@ -40,8 +40,8 @@ NEEDED = {
 }
 """The options of each type that the pictures tell where they are not given."""
 KEPT = (
-    "calib: {file} comes from an earlier command and still gives {values}. To start anew, delete"
-    " the file."
+    "calib: {file} still holds what an earlier command said: {values}. An option changes it; to"
+    " start anew, delete the file."
 )
 """The remark on pictures that were described before."""
 NO_COVER = (
@@ -145,8 +145,6 @@ def _earlier_values(
         cover: the section `cover` by the options and the earlier description; None: no option
             describes it, and the earlier one stays.
     """
-    import yaml
-
     old = earlier.get("cover", {})
     new = (cover_from_options(args, {"shape": cover["shape"]}) if cover else None) or {}
     numbers = {
@@ -156,10 +154,20 @@ def _earlier_values(
     }
     texts = {
         "the board": "board" in earlier and not (args.board or _board_options(args)),
-        f"cover {yaml.safe_dump(numbers, default_flow_style=True).strip()}": bool(numbers),
+        ", ".join(f"{key} {_in_words(value)}" for key, value in numbers.items()): bool(numbers),
         "the lens": "intrinsics" in earlier and not args.intrinsics,
     }
     return ", ".join(text for text, is_earlier in texts.items() if is_earlier)
+
+
+def _in_words(value: object) -> str:
+    """Return a value of session.yaml in words, such as 1.333 ± 0.004."""
+    if isinstance(value, dict) and "value" in value:
+        sigma = f" ± {value['sigma']:g}" if "sigma" in value else ""
+        return f"{_in_words(value['value'])}{sigma}"
+    if isinstance(value, list):
+        return f"({', '.join(map(_in_words, value))})"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _in_writable_folder(source: "NamedPictures", output: Path | None) -> "NamedPictures":

@@ -188,8 +188,10 @@ def _row(number: Comparison) -> tuple[str, ...]:
     declared = number.stated if number.source == DECLARED else f"{number.stated} (bare/)"
     is_compared = not number.held and not number.unknown
     difference = abs(number.estimate - number.declared) / number.tolerance if is_compared else None
-    in_tolerances = "" if difference is None else f"{difference:.1f} tolerances"
-    return number.name, number.estimated, declared, _note(number), in_tolerances
+    words = "" if difference is None else f"{difference:.1f} tolerances"
+    if words and number.sigma and number.corrected:
+        words += f", {abs(number.estimate - number.declared) / number.sigma:.1f} sigmas"
+    return number.name, number.estimated, declared, _note(number), words
 
 
 def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:

@@ -56,8 +56,8 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection], script
     header = f"""<p class="over">Refracal calibration report</p>
 <h1>{escape(verdict.word.sentence.removesuffix("."))}</h1>
 {tiles_html(summary.tiles)}
-<ul class="lead">{lead}</ul>
 {_reasons_html(verdict)}{notes}
+<ul class="lead">{lead}</ul>
 <p>{verdict.next_label}: <code>{escape(pasted(shlex.split(verdict.next)))}</code></p>
 <nav>{contents}</nav>
 <noscript><p>The figures need JavaScript, which this browser does not run. The verdict, the tables

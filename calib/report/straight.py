@@ -205,7 +205,7 @@ def _html(evidence: Evidence, view: int, picture: np.ndarray | None) -> str:
         [(line.undistorted, line.undistorted_corners) for line in lines],
         factor,
         undistorted_url,
-        f"Undistorted: corners are {rms:.2g} px (RMS) off straight lines.",
+        f"Undistorted: the corners of this view are {rms:.2g} px (RMS) off straight lines.",
     )
     scale = (
         f" Bends are drawn {factor} times as large, so the orange lines do not lie on the squares."

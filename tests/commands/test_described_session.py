@@ -308,7 +308,7 @@ def test_a_description_is_corrected_until_a_person_changed_it(photos: Path) -> N
     assert described(str(photos), *BOARD).board == Board(7, 6, 0.025)
     file = photos / "session.yaml"
     file.write_text(file.read_text() + "# mine\n")
-    with pytest.raises(InputError, match="has changed since calib wrote it: leave the options"):
+    with pytest.raises(InputError, match="has changed since calib wrote it: write there what"):
         described(str(photos), *BOARD)
     assert described(str(photos)).board == Board(7, 6, 0.025)
     assert file.read_text().endswith("# mine\n")
@@ -368,9 +368,9 @@ def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
     assert first.cover.medium == Number(1.333, 0.004)
     thick = described(str(photos), "--thickness", "3")
     remark = capsys.readouterr().err
-    assert "session.yaml comes from an earlier command and still gives the board, cover {" in remark
-    assert "outside_index: {sigma: 0.004, value: 1.333}" in remark
-    assert "}, the lens." in remark
+    assert "session.yaml still holds what an earlier command said: the board, " in remark
+    assert "outside_index 1.333 ± 0.004" in remark
+    assert ", the lens. An option changes it" in remark
     assert "thickness" not in remark
     assert thick.board == first.board
     assert thick.camera == first.camera
@@ -378,7 +378,7 @@ def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
     assert thick.cover.parameters["inner_radius"] == first.cover.parameters["inner_radius"]
     assert thick.cover.medium == first.cover.medium
     flat = described(str(photos), "--square-mm", "20", "--cover", "flat", "--distance", "20")
-    assert "still gives cover {outside_index: {" in capsys.readouterr().err
+    assert "outside_index 1.333 ± 0.004" in capsys.readouterr().err
     assert flat.board == Board(7, 6, 0.02)
     assert flat.cover.shape == "flat"
     assert flat.cover.medium == first.cover.medium

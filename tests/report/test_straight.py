@@ -98,7 +98,7 @@ def test_corners_lie_on_their_lines(small_calibration: Calibration) -> None:
     more if the cover is forgotten.
     """
     match = re.search(
-        r"corners are ([\d.]+) px \(RMS\) off straight lines",
+        r"corners of this view are ([\d.]+) px \(RMS\) off straight lines",
         straight_html(gather_evidence(small_calibration), None),
     )
     assert match
@@ -108,7 +108,7 @@ def test_corners_lie_on_their_lines(small_calibration: Calibration) -> None:
         amplitudes=3e-5 * np.random.default_rng(1).normal(size=small_calibration.amplitudes.shape),
     )
     worse = re.search(
-        r"corners are ([\d.]+) px \(RMS\) off straight lines",
+        r"corners of this view are ([\d.]+) px \(RMS\) off straight lines",
         straight_html(gather_evidence(forgot), None),
     )
     assert worse
@@ -148,8 +148,8 @@ def test_a_known_bow_does_not_bend_the_lines(small_calibration: Calibration) -> 
     )
     first_html = straight_html(gather_evidence(replace(described, effects=())), None)
     alternative = straight_html(gather_evidence(described), None)
-    one_left = float(re.findall("corners are ([\\d.e-]+) px", first_html)[0])
-    other_left = float(re.findall("corners are ([\\d.e-]+) px", alternative)[0])
+    one_left = float(re.findall("corners of this view are ([\\d.e-]+) px", first_html)[0])
+    other_left = float(re.findall("corners of this view are ([\\d.e-]+) px", alternative)[0])
     assert other_left < 0.01, (
         "to first order, as the board's flatness is taken away in undistorted pixels"
     )

@@ -336,7 +336,7 @@ function drawSigma(host, packed) {
     host.append(panelHost);
     let depth = first, median = 0;
     const redraw = addPanel(panelHost, {
-      title: () => `at ${digits(depth, 2)} m: ${digits(median, 2)} px at the corners`,
+      title: () => `at ${digits(depth, 2)} m: ${digits(median, 2)} px, median where board corners were`,
       label: "standard deviation of the map",
       options: width => {
         const sigma = Array.from({length: variance.length / 3}, (_, node) =>
