@@ -5,9 +5,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
+from pathlib import Path
 from typing import Protocol, cast
 
 from calib.errors import InputError, brief
+from calib.io.images import SUFFIXES
 from calib.session.schema import Section
 from capture.frames import FrameSource
 from capture.typed_path import expand_typed_path
@@ -97,6 +99,8 @@ def open_source(
         place, query = location, ""
     if not place:
         raise InputError(f"{context} does not say which one: write it like {scheme.example}.")
+    if scheme.name == "video" and Path(place).suffix.lower() in SUFFIXES:
+        raise InputError(f"{place} is one picture: name its folder, {Path(place).parent}.")
     pairs = _pairs(context, query)
     if scheme.camera:
         pairs = {**(camera_options or {}), **pairs}

@@ -28,7 +28,7 @@ NEXT_STEPS = {
         "With these pictures it cannot be brought up to date: esc goes back, to take others, or to"
         " record the session anew."
     ),
-    "known": "Such pictures say nothing about today: esc goes back, to name others.",
+    "known": "Such pictures say nothing about today: press esc, then c, to name others.",
 }
 
 

@@ -18,6 +18,7 @@ from textual.message import Message
 
 from calib.errors import harmless
 from calib.session.session import MIN_FIT_VIEWS
+from calib.verdict.verdict import Trust
 from capture.coverage import Hint, SessionProgress
 from capture.narrator import silence_sentence
 from capture.recording_loop import Step, refusal_reason
@@ -40,6 +41,7 @@ from capture.tui.watching_page import WatchingPage
 RETRY_S = 3.0  # s, after which a failed camera is tried again
 TAKEN_S = 1.5  # s for which a kept view is announced, whatever comes next
 MORE_VIEWS_HELP = "More views would improve the result: name other pictures in the set-up."
+COMPUTED = "How accurate the maps will be is being computed."
 MORE_BARE_VIEWS_HELP = (
     "More views would improve the lens.",
     "Enough to go on. More views would improve the lens.",
@@ -210,15 +212,19 @@ class CollectScreen(WatchingPage, UndistortionPage):
                 reason = step.decision.sentence.partition(":")[0].rstrip(".")
                 self._unused.append(f"{step.frame.name} ({reason})")
             if time.monotonic() > self._message_until:
-                self.say(step.decision.sentence)
+                self.say(self._in_words(step.decision.sentence))
         if refusal_reason(step) != self._refusal:
             self._refusal = refusal_reason(step)
-            if self._refusal:
+            if self._refusal and self._has_person:
                 self.post_message(self.ToneRequested("refused"))
         if step.frame.isolated:  # a photograph stays on the screen until the next one
             self._draw()
         self._remarks = recording.remarks
         self._update_notes()
+
+    def _in_words(self, sentence: str) -> str:
+        """Return the sentence on a picture, without advice where nobody holds the board."""
+        return sentence if self._has_person else f"{sentence.partition(':')[0].rstrip('.')}."
 
     def show_stop(self, message: WatchingPage.RecordingStopped) -> None:
         self._corners = None
@@ -280,7 +286,11 @@ class CollectScreen(WatchingPage, UndistortionPage):
                 if self.plan.bare
                 else find_missing(self.plan.session) or MORE_VIEWS_HELP
             )
-        self.query_one("#next", Line).say(text)
+            if text == MORE_VIEWS_HELP and (progress is None or self.is_improving):
+                text = COMPUTED
+        line = self.query_one("#next", Line)
+        line.set_class(is_enough, Trust.TRUSTED.value)
+        line.say(text)
         self._draw()
 
     def adapt_progress(self, progress: SessionProgress) -> SessionProgress:

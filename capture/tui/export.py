@@ -25,8 +25,10 @@ from capture.typed_path import expand_typed_path
 
 ABOUT = (
     "Maps that undistort pictures, or the straight pictures, for a depth of the scene in metres"
-    " from the lens along its axis. Maps may have several: 0.5 1 names two."
+    " from the lens along its axis. Several depths: 0.5 1 names two."
 )
+NAME = max(len(form.name) for form in FORMATS) + 2
+"""Columns of the name of a form."""
 STRAIGHT = "straight"
 """The form of the session's own pictures, undistorted."""
 NO_DEPTH = "Straight pictures are of a depth: name one, in metres."
@@ -110,11 +112,13 @@ class ExportScreen(Dialog[str]):
             yield Static(harmless(self._note), markup=False)
             yield _row("depths in metres", Field(f"{self._depth:g}", id="depths", compact=True))
             forms = [
-                (f"{form.name:<13}{form.brief or form.summary}", form.name) for form in FORMATS
+                (f"{form.name:<{NAME}}{form.brief or form.summary}", form.name) for form in FORMATS
             ]
             first = FORMATS[0].name
             if self._pictures and self._pictures.is_dir():
-                forms.insert(1, (f"{STRAIGHT:<13}the session's pictures, undistorted", STRAIGHT))
+                forms.insert(
+                    1, (f"{STRAIGHT:<{NAME}}the session's pictures, undistorted", STRAIGHT)
+                )
                 if getattr(self.app, "on_phone", False):
                     first = STRAIGHT  # a phone can show them, and cannot use maps
             yield _row(
@@ -213,10 +217,11 @@ class ExportScreen(Dialog[str]):
         """
         self.is_writing = False
         if message.written:
-            self._summary = (
-                f"Wrote {len(message.written)} file{'s' * (len(message.written) > 1)} in"
-                f" {message.written[0].parent.resolve()}."
-            )
+            folders = dict.fromkeys(path.parent.resolve() for path in message.written)
+            *others, last = map(str, folders)
+            place = f"{', '.join(others)} and {last}" if others else last
+            count = len(message.written)
+            self._summary = f"Wrote {count} file{'s' * (count > 1)} in {place}."
         if self.is_invalid:
             self.notify(message.sentence, markup=False)
         else:

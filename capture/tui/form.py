@@ -50,7 +50,8 @@ DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
 """A number, with its sigma or without, and perhaps with a decimal comma."""
 ROUGHLY = "{example} alone means {example} +- {sigma}. "
 """How a number is written that is known roughly."""
-EXAMPLES = {"refractive_index": 1.5, "radius_slope": -0.1, "tilt_deg": 2.0}
+EACH_ROUGHLY = "Each number alone means +- {sigma}. "
+EXAMPLES = {"thickness_mm": 3.0, "refractive_index": 1.5, "radius_slope": -0.1, "tilt_deg": 2.0}
 """Example values of the numbers of a cover; the others are millimetres."""
 UNKNOWN_KEY = "?"
 """The key that writes UNKNOWN into a field of the cover, and the short way to write it."""
@@ -106,8 +107,10 @@ def _roughly(entry: Dimension) -> str:
     if not entry.tolerance:
         return ""
     sigma = entry.tolerance.sigma * entry.quantity.unit[1]
-    example = EXAMPLES.get(entry.quantity.key, 50.0)
-    return ROUGHLY.format(sigma=f"{sigma:.2g}", example=f"{example:g}")
+    example = f"{EXAMPLES.get(entry.quantity.key, 50.0):g}"
+    if entry.quantity.components:
+        return EACH_ROUGHLY.format(sigma=f"{sigma:.2g}")
+    return ROUGHLY.format(sigma=f"{sigma:.2g}", example=example)
 
 
 def find_problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:

@@ -60,6 +60,11 @@ class GuidedPage(Page):
         """Show the guide's advice about the present views."""
 
     @property
+    def is_improving(self) -> bool:
+        """True while a better guide is computed."""
+        return self._improving
+
+    @property
     def guide_remark(self) -> str:
         """The reason why the guide is not the best one; empty where it is."""
         return self._adviser.remark if self.MAPS and self._adviser else ""

@@ -40,6 +40,10 @@ MOVED_BEFORE = ("phase", "like")
 """The choice that a terminal shows below all fields. A page would hide it there, so it comes before
 this optional field.
 """
+MOVED_BELOW = ("outside_index", "shape")
+"""The field that decides between air and water, and the choice below which a page has it: below all
+others it would be hidden, with a value that nobody has looked at.
+"""
 MAIN_ACTIONS = [
     "take",
     "start",
@@ -67,6 +71,7 @@ def describe_screen(app: App[Any]) -> dict[str, object]:
     labels = _labels(app)
     blocks = sorted(_blocks(screen), key=_urgency)
     _move_before(blocks, *MOVED_BEFORE)
+    _move_below(blocks, *MOVED_BELOW)
     for block in blocks:
         if block["kind"] == "text" and not block["columns"]:
             block["text"] = name_buttons(str(block["text"]), labels)
@@ -142,6 +147,13 @@ def _move_before(blocks: list[Block], name: str, other: str) -> None:
         blocks.insert(places[other], blocks.pop(places[name]))
 
 
+def _move_below(blocks: list[Block], name: str, other: str) -> None:
+    """Move the block of that name below another, if both are there."""
+    places = {str(block["name"]): place for place, block in enumerate(blocks)}
+    if places.get(name, -1) > places.get(other, len(blocks)):
+        blocks.insert(places[other] + 1, blocks.pop(places[name]))
+
+
 def _urgency(block: Block) -> int:
     """Return the place of an instruction among the others; other blocks keep their order."""
     name = block["name"]
@@ -154,11 +166,14 @@ def _buttons(bindings: list[tuple[Any, bool]], early: frozenset[str]) -> list[Bl
     """
     actions = {binding.action for binding, enabled in bindings if enabled} - early
     main = next((action for action in MAIN_ACTIONS if action in actions), "")
+    shown = {binding.action for binding, _ in bindings}
+    top = next((action for action in MAIN_ACTIONS if action in shown), "")
     return [
         {
             "key": binding.key,
             "label": binding.description,
             "main": binding.action == main,
+            "top": binding.action == top,
             "off": not enabled,
         }
         for binding, enabled in bindings

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from textual.suggester import Suggester
 
+from calib.io.images import SUFFIXES
 from capture.typed_path import expand_typed_path
 
 FOLDER, VIDEO = "folder:", "video:"
@@ -44,12 +45,17 @@ def complete_path(typed: str, *, only_folders: bool) -> str | None:
                 f"{entry.name}/" if entry.is_dir() else entry.name
                 for entry in entries
                 if entry.name.startswith(stem) and not (entry.name.startswith(".") and not stem)
-                if entry.is_dir() or not only_folders
+                if entry.is_dir() or not (only_folders or _is_picture(entry.name))
             ]
     except (OSError, ValueError):  # no such folder, or one that may not be read
         return None
     name = _first_match(stem, names)
     return name and f"{parent}{slash}{name}"
+
+
+def _is_picture(name: str) -> bool:
+    """Return True for a picture: its folder is the source."""
+    return Path(name).suffix.lower() in SUFFIXES
 
 
 def _first_match(beginning: str, texts: Iterable[str]) -> str | None:

@@ -156,14 +156,18 @@ class ResultsScreen(Page):
             session, [*files, *(picture.path.name for picture in self._dropped)]
         )
         """The pictures that this fit went on without, the last one last."""
+        self._taken_back = False
+        """True once one of these is back."""
+        self._is_faultless = False
+        """True if a diagnosis has found nothing."""
 
     def step(self) -> str:
         return "Results"
 
     @property
     def early_actions(self) -> frozenset[str]:
-        """After a view was set aside, a fit without it comes first."""
-        return frozenset({"export"} if self._dropped else ())
+        """After a view was set aside or taken back, a fit comes first."""
+        return frozenset({"export"} if self._dropped or self._taken_back else ())
 
     def body(self) -> ComposeResult:
         with Horizontal(id="top"):
@@ -304,7 +308,7 @@ class ResultsScreen(Page):
         if rejected := self.result["rejected"]:
             suffix = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
             sentences.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){suffix}.")
-        return harmless(" ".join(sentences))
+        return harmless(("\n" if self._on_phone else " ").join(sentences))
 
     def _aside_note(self) -> Iterator[str]:
         if (number := len(self._dropped)) == 1:
@@ -326,7 +330,8 @@ class ResultsScreen(Page):
         exports = "x for maps and straight pictures"
         if self._trusted:
             diagnosed = any(stage["name"] == "cover+rbf+effects" for stage in self.result["stages"])
-            return f"Press r for the report, {exports}{'' if diagnosed else ', e to find faults'}."
+            is_known = diagnosed or self._is_faultless
+            return f"Press r for the report, {exports}{'' if is_known else ', e to find faults'}."
         return f"Press e to find faults, r for the report, {exports}."
 
     def _line(self, view: Mapping[str, Any]) -> str:
@@ -366,6 +371,8 @@ class ResultsScreen(Page):
             message.preview, [Mark(CORNER_MARK, corners), Mark(WORST_MARK, corners[[worst]])]
         )
         words = f"{CORNER_MARK} corners  {WORST_MARK} worst: {sizes[worst]:.2f} px off"
+        if self._on_phone:
+            words = f"{harmless(view['file'])}. Red: its worst corner, {sizes[worst]:.2f} px off"
         self._view_line = words if message.preview else "This picture cannot be read any more."
         self._describe_view()
 
@@ -429,6 +436,7 @@ class ResultsScreen(Page):
             self._say(str(error))
             return
         self._dropped_earlier.remove(picture)
+        self._taken_back = True
         self._say(f"{picture.file} is back. Press f to fit with it.")
         self.refresh_bindings()
 
@@ -511,6 +519,9 @@ class ResultsScreen(Page):
         def use(wanted: bool | None) -> None:
             if wanted:
                 self.app.switch_screen(ResultsScreen(self.session, screen.result, self.result))
+            elif screen.result and not screen.result["accepted"]:
+                self._is_faultless = True
+                self.query_one("#onward", Static).update(self._next_steps())
 
         self.app.push_screen(screen, use)
 

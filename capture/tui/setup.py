@@ -372,6 +372,8 @@ class SetupScreen(Page):
         without such a board.
         """
         self._cover_is_on, self._wrong_board = covered, screen.wrong_board
+        if screen.plan.bare and not covered:
+            self._phase.restore(bare=True)
 
     def _read(self) -> Task:
         source = self._source.field.value

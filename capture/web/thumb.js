@@ -107,22 +107,27 @@ function drawKeys(keys) {
     byId(name).hidden = !key;
     byId(name).onclick = () => ask({press: key.key});
   }
-  const below = keys.filter((each) => !aside(each)), others = below.filter((each) => !each.main);
-  const places = JSON.stringify([screen, below.map((each) => [each.key, each.main])]);
+  const below = keys.filter((each) => !aside(each)), others = below.filter((each) => !each.top); // the first row is always of the same button
+  const places = JSON.stringify([screen, below.map((each) => [each.key, each.top])]);
   if (nav.dataset.places !== places) {
     nav.classList.add("moved");
     setTimeout(() => nav.classList.remove("moved"), CALM_MS);
   }
   nav.dataset.places = places;
   const wide = {1: " whole", 2: " half", 4: " half", 7: " quarter", 8: " quarter"}[others.length] ?? "";
-  nav.replaceChildren(...[...below.filter((each) => each.main), ...others].map((key) => {
+  nav.replaceChildren(...[...below.filter((each) => each.top), ...others].map((key) => {
     const rest = key === others[6] && others.length === 7; // the last of two rows fills its row: Back is always there
-    const button = make("button", {type: "button", className: key.main ? "main whole" : rest ? " half" : wide}, key.label);
+    const button = make("button", {type: "button", className: `${key.main ? "main" : ""} ${key.top ? "whole" : rest ? "half" : wide}`}, key.label);
     button.dataset.key = key.key;
     button.disabled = key.off;
-    button.onclick = () => ask({press: key.key});
+    button.onclick = () => { closeLists(); ask({press: key.key}); };
     return button;
   }));
+}
+
+/** Close the lists of choices that are open; what they hid is shown again. */
+function closeLists() {
+  for (const list of main.querySelectorAll(".choice ul")) list.hidden = true;
 }
 
 const choiceWords = (option) => option.replace(/ {2,}/, ": "); // a terminal has columns there
@@ -141,13 +146,16 @@ function drawn(block) {
 /** The keyboards of fields that take nothing but a number; others also take 40+-5 or unknown. */
 const KEYBOARDS = {columns: "numeric", rows: "numeric", square_mm: "decimal", marker_mm: "decimal", tag_mm: "decimal", spacing: "decimal", depth: "decimal"};
 
+const DECIMAL_COMMAS = /^\s*\d+,\d+(\s+\d+(,\d+)?)*\s*$/; // the keyboard of many languages has no point
+
 function drawField(block) {
   const field = make("input", {id: `field-${block.name}`, type: "text", autocomplete: "off", spellcheck: false, enterKeyHint: "next"});
   field.setAttribute("autocapitalize", "off");
   field.setAttribute("autocorrect", "off");
   field.inputMode = KEYBOARDS[block.name] ?? "text";
   field.onfocus = () => { field.select(); ask({field: block.name, look: true}); };
-  field.oninput = () => ask({field: block.name, text: field.value});
+  const typed = () => (field.inputMode === "decimal" && DECIMAL_COMMAS.test(field.value) ? field.value.replaceAll(",", ".") : field.value);
+  field.oninput = () => ask({field: block.name, text: typed()});
   field.onkeydown = (event) => {
     if (event.key !== "Enter") return;
     const fields = [...main.querySelectorAll("input:not(:disabled), .choice > button:not(:disabled)")];
@@ -181,7 +189,7 @@ function drawChoice(block) {
   button.onclick = () => {
     ask({field: block.name, look: true});
     list.hidden = !list.hidden;
-    if (!list.hidden) list.scrollIntoView({block: "nearest"});
+    if (!list.hidden) list.parentElement.scrollIntoView({block: list.parentElement.offsetHeight > main.clientHeight ? "start" : "nearest"});
   };
   return make("div", {className: "choice"}, make("label", {htmlFor: button.id}), button, list);
 }
@@ -267,6 +275,7 @@ function renew(box, block) {
     button.onclick = () => {
       ask({field: block.name, choose: place});
       if (block.kind === "choice") list.hidden = true;
+      else byId("picture").scrollIntoView({block: "nearest"}); // of the chosen view
     };
     return block.kind === "choice" ? make("li", {}, button) : button;
   });
@@ -279,6 +288,7 @@ export function follow() {
   addEventListener("click", (event) => {
     const beside = !menu.hidden && event.target !== more && !menu.contains(event.target);
     if (beside) event.stopPropagation(); // it closes the menu, and touches nothing below it
+    if (!event.target.closest(".choice")) closeLists();
     if (!menu.hidden && menu.contains(event.target)) setTimeout(() => { menu.hidden = true; });
     else menu.hidden = event.target !== more || !menu.hidden;
     more.setAttribute("aria-expanded", String(event.target === more && !menu.hidden));
