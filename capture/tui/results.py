@@ -308,7 +308,7 @@ class ResultsScreen(Page):
         if rejected := self.result["rejected"]:
             suffix = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
             sentences.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){suffix}.")
-        return harmless(("\n" if self._on_phone else " ").join(sentences))
+        return ("\n" if self._on_phone else " ").join(map(harmless, sentences))
 
     def _aside_note(self) -> Iterator[str]:
         if (number := len(self._dropped)) == 1:

@@ -13,6 +13,8 @@ const SETTLE_MS = 300; // ms for a touch to end where it began: no widget may mo
 const LONG = 200; // letters, from which on a sentence is a text to read and not a short call
 const ONWARD = "onward"; // the buttons in words, which scroll with the text
 const SHORT = 480; // px, the height below which a keyboard is open: the header makes room
+const HELD_MS = 1000; // ms for the fields of another shape to come: then the form is as far down as before
+let held = {screen: "", place: 0, until: 0};
 let screen = "", focused = "";
 let wrong = null; // the box of a refused field, which stays in view until it is accepted, or another one is typed in
 
@@ -41,7 +43,8 @@ export function drawScreen(said) {
   arrange(kept);
   const news = kept.some((block, place) => block.spoken && main.children[place].textContent !== block.text);
   kept.forEach((block, place) => renew(main.children[place], block));
-  main.scrollTop = news ? 0 : scrolled;
+  if (main.scrollHeight - main.clientHeight < scrolled - 1) held = {screen, place: scrolled, until: Date.now() + HELD_MS};
+  main.scrollTop = news ? 0 : held.screen === screen && Date.now() < held.until ? held.place : scrolled;
   if (news) byId("middle").scrollTop = 0;
   drawCalls(calls);
   byId("notices").replaceChildren(...said.notices.map((each) => make("p", {textContent: each})));

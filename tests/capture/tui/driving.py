@@ -13,7 +13,7 @@ from textual.pilot import Pilot
 
 from capture.tui.app import CaptureApp
 
-HANGS_S = 100.0
+HANGS_S = 900.0
 """The time in s after which a test gives up, however busy the machine is."""
 SIZES = ((80, 24), (120, 40))
 CONE = ("41.95", "-0.105", "0, -30", "0, 0", "3", "1.5", "1")

@@ -156,7 +156,7 @@ async def _from_nothing(address: str, folder: Path) -> None:
         assert await phone.sees_whole(VERDICT)
         await _keep(phone, "6-results")
         await phone.resize(SMALL)
-        await phone.until(f"(({READ}) > 150) && (({READ}) < 400)")
+        await phone.until(f"(({READ}) > 300) && (({READ}) < 450)")
         await _keep(phone, "6-results", SMALL)
         await phone.resize(SIZE)
         await phone.tap("document.querySelectorAll('.list button')[2]")
@@ -277,12 +277,12 @@ SMALL = (360, 640)
 KEYBOARD = 290
 """The height of a keyboard with its line of suggestions, points."""
 READ = """
-["dock", "picture"].reduce(
-  (rest, name) => rest - document.getElementById(name).offsetHeight,
+["dock", "picture"].map((name) => document.getElementById(name)).reduce(
+  (rest, box) => rest - (getComputedStyle(box).position === "sticky" ? box.offsetHeight : 0),
   document.getElementById("middle").clientHeight,
 )
 """
-"""The height in which the results are read, below the verdict and above the buttons, points."""
+"""The height in which the results are read, below what stays and above the buttons, points."""
 CHOICE = "[...document.querySelectorAll('.choice > button')].at(-1)"
 OPTIONS = f"{CHOICE}.parentElement.querySelector('ul')"
 """The last list of the set-up, the shape of the cover."""
