@@ -27,6 +27,11 @@ SHORT_CODE = re.compile(r"(?<!</span>)(?<!<pre>)<code>([^<\n]{1,36})</code>")
 """Code within a sentence that is narrower than a phone."""
 CODE = re.compile(r"<code(?: [^>]*)?>.*?</code>", re.DOTALL)
 OPTION = re.compile(r"(?<=[>\s])(--?[A-Za-z][A-Za-z0-9-]*)(?=[<\s=])")
+TABLE = re.compile(r"<table>.*?</table>", re.DOTALL)
+HEADING = re.compile(r"<th[^>]*>(.*?)</th>", re.DOTALL)
+ROW = re.compile(r"<tr>.*?</tr>", re.DOTALL)
+CELL = re.compile(r"<td[^>]*>(.*?)</td>", re.DOTALL)
+MANY_COLUMNS, LONG_ROW = 4, 100
 FEWEST, MOST = 42, 110
 """Columns: fewer have room on a phone, and more could not be read there."""
 TABULAR = re.compile(r"[│┃┏┡├└]|\S {2,}\S")
@@ -180,7 +185,26 @@ def on_page_content(html: str, **_: Any) -> str:
     """
     html = SHORT_CODE.sub(r'<code class="whole">\1</code>', html)
     html = CODE.sub(lambda code: OPTION.sub(r'<span class="option">\1</span>', code[0]), html)
+    html = TABLE.sub(lambda table: labelled(table[0]), html)
     return OUTPUT.sub(lambda match: f"{match[1]}{sized(match[2])}", html)
+
+
+def labelled(table: str) -> str:
+    """A table of many columns with sentences, whose cells have the headings of their columns: on a
+    phone they stand below each other.
+    """
+    headings = [re.sub("<[^>]+>", "", heading).strip() for heading in HEADING.findall(table)]
+    longest = max(len(re.sub("<[^>]+>", "", row)) for row in ROW.findall(table))
+    if len(headings) < MANY_COLUMNS or longest < LONG_ROW:
+        return table
+
+    def row(match: re.Match[str]) -> str:
+        labels = iter(headings)
+        return CELL.sub(
+            lambda cell: f'<td data-label="{next(labels, "")}"><div>{cell[1]}</div></td>', match[0]
+        )
+
+    return ROW.sub(row, table.replace("<table>", '<table class="stacked">', 1))
 
 
 def sized(block: str) -> str:
