@@ -13,7 +13,7 @@ from calib.io.file_set import FileSet
 from calib.plots.fields import depth_figure, distortion_field, distortion_figure, sigma_figure
 from calib.plots.residuals import board_error_figure, draw_over_image, residual_figure
 from calib.plots.space import space_figure
-from calib.plots.surfaces import coverage_figure, glass_figure
+from calib.plots.surfaces import coverage_figure, detail_figure, glass_figure
 from calib.report.evidence import Evidence, gather_evidence
 from calib.threads import single_thread
 
@@ -24,6 +24,7 @@ FIGURES: dict[str, Callable[[Evidence], Figure | None]] = {
     "distortion.png": distortion_figure,
     "by-depth.png": depth_figure,
     "glass.png": glass_figure,
+    "glass-detail.png": detail_figure,
     "sigma.png": sigma_figure,
     "coverage.png": coverage_figure,
 }

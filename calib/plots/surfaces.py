@@ -1,5 +1,7 @@
 """The glass surface, and where the corners were."""
 
+from pathlib import Path
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap
@@ -23,7 +25,7 @@ from calib.plots.style import (
 from calib.report.chart import ChartPanel, exit_points
 from calib.report.coverage import BARS, depth_title, has_chart, image_title
 from calib.report.evidence import Array, Evidence
-from calib.report.glass import Heights, heights
+from calib.report.glass import Heights, heights, read_detail
 
 PANEL = (3.9, 3.0)
 """Width and height in inches."""
@@ -55,6 +57,29 @@ def glass_figure(evidence: Evidence) -> Figure | None:
             panels[1].set_ylabel("")
 
     return draw_figure(PANEL, paint)
+
+
+def detail_figure(evidence: Evidence) -> Figure | None:
+    """Return the outer surface in detail; None where the session has no dense points."""
+    camera, provenance = evidence.calibration.camera, evidence.calibration.request.provenance
+    session = provenance and provenance.session
+    detail = read_detail(evidence.calibration, Path(session)) if session else None
+    if not detail:
+        return None
+    height = 1e6 * detail.height
+    low, high = float(np.nanmin(height)), float(np.nanmax(height))
+    limit = max(-low, high) or 1.0
+    panel = panel_size(camera.width / camera.height, PANEL[1])
+
+    def paint(figure: Figure) -> None:
+        (axes,) = side_by_side(figure, [panel[0]], (0.65,))
+        image_axes(axes, camera.width, camera.height)
+        reach = (detail.x[0], detail.x[-1], detail.y[-1], detail.y[0])
+        shown = axes.imshow(height, TWO_SIDED, vmin=-limit, vmax=limit, extent=reach)
+        axes.set_title(f"height beyond the relief: {low:+.2g} to {high:+.2g} µm")
+        colour_bar(shown, axes, "µm")
+
+    return draw_figure(panel, paint)
 
 
 def _glass_field(
