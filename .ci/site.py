@@ -52,6 +52,14 @@ RAISED = {
     "error",
 }
 """The errors whose message a person reads."""
+TASKS = {
+    f"{name}.md"
+    for name in (
+        *("board", "calibrating", "capture", "check", "coming-from", "diagnose", "exports"),
+        *("immersing", "imports", "install", "measuring", "raspberry-pi", "rigs"),
+        *("screen-target", "streaming", "troubleshooting", "tutorial", "undistorting", "unknown"),
+    )
+}
 OUTSIDE = "source"
 """The folder of the site that holds what is from outside docs/."""
 
@@ -116,6 +124,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     admonitions.
     """
     here = Path(page.file.abs_src_path)
+    page.meta.setdefault("search", {"boost": boost_of(page.file.src_uri)})
     if MESSAGES in markdown:
         markdown = markdown.replace(MESSAGES, all_messages())
     markdown = ALERT.sub(admonition, markdown)
@@ -135,6 +144,12 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     return "".join(
         coloured(part) if index % 2 else LINK.sub(moved, part) for index, part in enumerate(parts)
     )
+
+
+def boost_of(page: str) -> float:
+    """The weight of a page in the search: what people do comes before how it was found out."""
+    is_background = page.startswith(("development/", "decisions/", OUTSIDE)) or page == "paper.md"
+    return 0.3 if is_background else 3.0 if page in TASKS else 1.0
 
 
 def all_messages() -> str:
