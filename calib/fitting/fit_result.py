@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from calib.estimation.residuals import residuals
 from calib.estimation.stated_priors import with_estimates
 from calib.fit_record.outcome import JointOutcome, Uncertainty
 from calib.fitting.differing import possible_shifts
-from calib.fitting.valleys import widen_valleys
+from calib.fitting.valleys import widen_valleys, with_variance
 from calib.inference.board_bend import possible_print_shifts
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
@@ -122,8 +122,31 @@ def count_views(
         context = effect_context(fitted, board, camera, locate=False)
         shifts = possible_shifts(fitted, context)
         wide = replace(wide, covariance=wide.covariance + torch.from_numpy(shifts))
-    wide = widen_valleys(model, observations, joint, wide, of_cover)
-    return _limited_by_priors(wide, loose), uncertainty
+    wide, variances = widen_valleys(model, observations, joint, wide, of_cover)
+    limited = _limited_by_priors(wide, loose)
+    # A limit takes from whatever depends on its number, perhaps more than that number's profile.
+    return _limited_by_priors(_at_least(limited, variances), loose), uncertainty
+
+
+def _at_least(joint: JointFit, variances: Mapping[str, float]) -> JointFit:
+    """Return the fit with at least these variances, over the scales squared, each no larger than
+    that of the number's prior.
+    """
+    covariance = joint.covariance
+    for name, variance in variances.items():
+        at, limit = _place_and_limit(joint, name)
+        if float(covariance[at, at]) < min(variance, limit):
+            covariance = with_variance(covariance, at, min(variance, limit))
+    return replace(joint, covariance=covariance)
+
+
+def _place_and_limit(joint: JointFit, name: str) -> tuple[int, float]:
+    """Return the place of a scalar in the fitted vector, and the variance of its prior over its
+    scale squared.
+    """
+    (scale,) = (param.scale for param in joint.parameters.free if param.name == name)
+    limit = (float(joint.parameters.priors.sigmas[name]) / scale) ** 2
+    return joint.parameters.slices()[name].start, limit
 
 
 def _limited_by_priors(joint: JointFit, names: Sequence[str]) -> JointFit:
@@ -133,16 +156,12 @@ def _limited_by_priors(joint: JointFit, names: Sequence[str]) -> JointFit:
     """
     if not joint.finite:
         return joint
-    covariance = joint.covariance.clone()
-    slices = joint.parameters.slices()
+    covariance = joint.covariance
     for param in joint.parameters.free:
         if param.name in names:
-            at = slices[param.name].start
-            limit = (float(joint.parameters.priors.sigmas[param.name]) / param.scale) ** 2
-            variance = float(covariance[at, at])
-            if variance > limit:
-                column = covariance[:, at].clone()
-                covariance -= torch.outer(column, column) * (variance - limit) / variance**2
+            at, limit = _place_and_limit(joint, param.name)
+            if float(covariance[at, at]) > limit:
+                covariance = with_variance(covariance, at, limit)
     return replace(joint, covariance=covariance)
 
 

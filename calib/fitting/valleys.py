@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import WARM_ROUNDS, JointFit, Start
@@ -38,9 +39,10 @@ def widen_valleys(
     joint: JointFit,
     wide: JointFit,
     names: Iterable[str],
-) -> JointFit:
+) -> tuple[JointFit, dict[str, float]]:
     """Return the wide fit with the standard deviation of each number, and of whatever follows it,
-    as large as its profile says.
+    as large as its profile says, and the variance of each number by its profile, over its scale
+    squared.
 
     Args:
         model: the model of the fit.
@@ -50,16 +52,25 @@ def widen_valleys(
         names: scalars of the path.
     """
     slices = joint.parameters.slices()
-    covariance = wide.covariance.clone()
+    covariance = wide.covariance
+    variances: dict[str, float] = {}
     for name in names:
         if not joint.finite or name not in slices:
             continue
         factor = _profile_factor(model, observations, joint, name)
         if factor > MIN_FACTOR:
             at = slices[name].start
-            column = covariance[:, at].clone()
-            covariance += (factor**2 - 1) * torch.outer(column, column) / column[at]
-    return replace(wide, covariance=covariance)
+            variances[name] = factor**2 * float(wide.covariance[at, at])
+            covariance = with_variance(covariance, at, factor**2 * float(covariance[at, at]))
+    return replace(wide, covariance=covariance), variances
+
+
+def with_variance(covariance: Tensor, at: int, variance: float) -> Tensor:
+    """Return the (S, S) covariance with another variance of one parameter: whatever depends on it
+    follows.
+    """
+    column, before = covariance[:, at], float(covariance[at, at])
+    return covariance + torch.outer(column, column) * (variance - before) / before**2
 
 
 def _profile_factor(

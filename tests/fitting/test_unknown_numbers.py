@@ -266,7 +266,8 @@ def test_a_parabola_is_not_widened() -> None:
     fitted = fit_stages(setup, observations, SETTINGS, Silent())
     assert fitted.model
     assert fitted.joint
-    wide = widen_valleys(
+    wide, variances = widen_valleys(
         fitted.model, observations, fitted.joint, fitted.joint, ("cover.distance",)
     )
+    assert not variances
     assert torch.equal(wide.covariance, fitted.joint.covariance)
