@@ -60,7 +60,7 @@ def test_a_misspelt_name_is_an_attribute_error() -> None:
 
 
 def test_a_folder_may_be_named_by_a_string() -> None:
-    with pytest.raises(InputError, match="nowhere is not a folder"):
+    with pytest.raises(InputError, match="nowhere does not exist"):
         calib.read_session("nowhere")
 
 

@@ -36,10 +36,7 @@ NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined
 CONTRADICTED, AS_DECLARED = "contradicted", "as declared"
 ANY_SHAPE = "any shape"
 NOTES = {
-    NOT_FITTED: (
-        "kept at the value that you gave, or at the default. If all numbers are, they moved beyond"
-        " their tolerances when they were free: the model lacks something."
-    ),
+    NOT_FITTED: "kept at the value that you gave, or at the default.",
     CORRECTED: (
         "the pictures give another value, 3 of its sigmas away or more, which your tolerance"
         " allows."
@@ -50,6 +47,8 @@ NOTES = {
     ANY_SHAPE: "sigma is for all shapes of the cover that fit these pictures.",
 }
 """The explanations of the words in the fourth column."""
+NONE_FITTED = "None was fitted: by your wish, or since free they went beyond tolerances."
+"""The line that follows where no number was fitted."""
 PRINTED_COLUMNS = 4
 """The columns that fit into 80 characters."""
 
@@ -85,6 +84,7 @@ def describe(calibration: CalibrationSource) -> Table:
     words = {row[3].partition(",")[0] for section in shown for row in section.rows}
     notes = (
         *(f"{word}: {note}" for word, note in NOTES.items() if word in words),
+        *([NONE_FITTED] if all(number.held for number in numbers) else []),
         *effect_notes(calibration),
     )
     return Table("What was calibrated", COLUMNS, shown, notes)
@@ -191,7 +191,10 @@ def _row(number: Comparison) -> tuple[str, ...]:
     words = "" if difference is None else f"{difference:.1f} tolerances"
     if words and number.sigma and number.corrected:
         words += f", {abs(number.estimate - number.declared) / number.sigma:.1f} sigmas"
-    return number.name, number.estimated, declared, _note(number), words
+    estimated = number.estimated
+    if number.held:  # with the digits of the declared one
+        estimated = f"{number.estimate:.6g} {number.unit}".rstrip()
+    return number.name, estimated, declared, _note(number), words
 
 
 def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:

@@ -144,7 +144,7 @@ def _place_and_limit(joint: JointFit, name: str) -> tuple[int, float]:
     """Return the place of a scalar in the fitted vector, and the variance of its prior over its
     scale squared.
     """
-    (scale,) = (param.scale for param in joint.parameters.free if param.name == name)
+    scale = next(param.scale for param in joint.parameters.free if param.name == name)
     limit = (float(joint.parameters.priors.sigmas[name]) / scale) ** 2
     return joint.parameters.slices()[name].start, limit
 

@@ -321,7 +321,7 @@ def _contents(pictures: Sequence[Path]) -> Iterator[tuple[str, bytes]]:
 def _correction(source: NamedPictures) -> str:
     """Return what to do about a session.yaml that is not ours to replace."""
     session = shlex.quote(str(source.session))
-    return f"write there what the options say, or leave them out (calib fit {session})"
+    return f"write there what the options say, or leave the options out: calib fit {session}"
 
 
 def _check_new(source: NamedPictures) -> None:

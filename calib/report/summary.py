@@ -17,7 +17,7 @@ from calib.session.cover import Cover
 from calib.session.parameter_names import INDEX, THICKNESS, layer_number
 from calib.verdict.depths import describe_trusted
 from calib.verdict.judge import judge
-from calib.verdict.residual import NOT_ALL_NOISE
+from calib.verdict.residual import NOT_ALL_NOISE, OF_NOISE
 from calib.verdict.thresholds import BEYOND_NOISE
 from calib.verdict.verdict import Verdict
 
@@ -47,11 +47,12 @@ def summarise(
     folder = folder and folder.resolve()
     verdict = judge(evidence.calibration, depths=depths, folder=folder)
     limit = undistortion_limit(evidence.calibration)
+    is_said = any(OF_NOISE in reason.sentence for reason in verdict.reasons)
     sentences = (
         _found(evidence.calibration),
         _subject(evidence),
         describe_bend(evidence.calibration),
-        _fit(evidence, verdict),
+        "" if is_said else _fit(evidence, verdict),
         _overfitting(evidence.calibration),
         " ".join(filter(None, [_coverage(evidence), limit])),
     )

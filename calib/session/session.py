@@ -185,6 +185,10 @@ def session_to_yaml(board: Board, camera: Camera, cover: Cover) -> dict[str, obj
 def _read(path: Path, bare_of: Session | None) -> Session:
     file = path / "session.yaml"
     if not path.is_dir():
+        if not path.exists():
+            raise InputError(
+                f"{path} does not exist: give the folder of a session, or of pictures of the board."
+            )
         advice = f"; {fit_pictures_command(path)} makes a session of it" if is_media(path) else ""
         raise InputError(
             f"{path} is not a folder: give the folder that holds session.yaml{advice}."

@@ -39,6 +39,7 @@ MIN_PART = 0.05
 """The part of an error far above the noise that an effect explains at the least to be named."""
 MANY = 10.0
 """Times, from which on the decimals do not matter."""
+OF_NOISE = "times the corners' noise"
 NOT_ALL_NOISE = "the error is not all noise"
 NUMBERS = {"focal": CAMERA.focal, "principal_point": CAMERA.centre}
 
@@ -52,10 +53,7 @@ def residual(case: Case) -> Iterator[Reason]:
         ratio = case.left_px / noise
         times = f"{ratio:.1f}" if ratio < MANY else f"{ratio:.0f}"
         likely = [(effect, gain) for effect, gain in likely if gain > MIN_PART]
-        sentence = (
-            f"the error is {case.left_px:.3f} px, {times} times the corners' noise of about"
-            f" {noise:.3f} px"
-        )
+        sentence = f"the error is {case.left_px:.3f} px, {times} {OF_NOISE} of about {noise:.3f} px"
     elif not (organised or likely):
         return
     if likely:

@@ -114,6 +114,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
         self._judged_pictures = 0
         """The number of judged pictures of this run."""
         self._pictures_with_board = 0
+        self._taken_pictures = 0
         self._unused: list[str] = []
         """The photographs of this run that were not taken, each with the reason."""
 
@@ -128,7 +129,10 @@ class CollectScreen(WatchingPage, UndistortionPage):
         """A fit of few views can be tried, and is not what to do next."""
         fewest = ENOUGH_BARE_VIEWS if self.recording else MIN_FIT_VIEWS
         has_few = len(self.view_corners) < fewest and not self._enough
-        return frozenset({"fit", "cover_on"} if has_few else ())
+        early = {"fit", "cover_on"} if has_few else set()
+        if self.MAPS and self.calibration() is not None:
+            early.add("results" if self._taken_pictures else "fit")
+        return frozenset(early)
 
     def step(self) -> str:
         return "Without cover" if self.plan.bare else "Through cover"
@@ -164,7 +168,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
             and self.is_current
             and self.start_recording(lambda: picture.phone)
         ):
-            self._judged_pictures = self._pictures_with_board = 0
+            self._judged_pictures = self._pictures_with_board = self._taken_pictures = 0
             self._unused = []
             self._ending = self.wrong_board = ""
             self.refresh_bindings()
@@ -200,6 +204,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
         if step.picture is not None:
             assert step.detection.corners is not None
             self.view_corners.append(step.detection.corners)
+            self._taken_pictures += 1
             self.app.bell()
             self.post_message(self.ToneRequested("taken"))
             action = "Move the board to the next place." if self._has_person else step.frame.name
@@ -310,7 +315,10 @@ class CollectScreen(WatchingPage, UndistortionPage):
         """Return the keys that lead on from the views through the cover."""
         if self.calibration() is None:
             return "f to fit"
-        return "f to fit anew" if self.recording else "f to fit anew, ^o for the results"
+        if self.recording:
+            return "f to fit anew"
+        keys = "f to fit anew", "^o for the results"
+        return ", ".join(keys if self._taken_pictures else keys[::-1])
 
     def _draw(self) -> None:
         marks = []

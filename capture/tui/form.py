@@ -304,7 +304,7 @@ def _text(value: object) -> str:
     if isinstance(value, bool | str):
         return value if isinstance(value, str) else "yes" if value else "no"
     if isinstance(value, list):
-        return ", ".join(map(_text, value))
+        return UNKNOWN if all(map(is_unknown, value)) else ", ".join(map(_text, value))
     if isinstance(value, Mapping):
         colours = [f" {key} {_text(value[key])}" for key in COLOUR_KEYS if key in value]
         exact = value.get("exact") or not colours  # an exact number has no sigma

@@ -52,6 +52,7 @@ MAIN_ACTIONS = [
     "update",
     "straighten",
     "cover_on",
+    "results",
     "fit",
     "refit",
 ]

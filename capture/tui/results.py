@@ -332,7 +332,8 @@ class ResultsScreen(Page):
             diagnosed = any(stage["name"] == "cover+rbf+effects" for stage in self.result["stages"])
             is_known = diagnosed or self._is_faultless
             return f"Press r for the report, {exports}{'' if is_known else ', e to find faults'}."
-        return f"Press e to find faults, r for the report, {exports}."
+        faults = "" if self._is_faultless else "e to find faults, "
+        return f"Press {faults}r for the report, {exports}."
 
     def _line(self, view: Mapping[str, Any]) -> str:
         is_dropped = any(picture.file == view["file"] for picture in self._dropped)

@@ -296,6 +296,11 @@ export function follow() {
     else menu.hidden = event.target !== more || !menu.hidden;
     more.setAttribute("aria-expanded", String(event.target === more && !menu.hidden));
   }, true);
+  for (const kind of ["mousedown", "pointerdown"]) {
+    addEventListener(kind, (event) => { // a touch beside the menu opens no field
+      if (!menu.hidden && event.target !== more && !menu.contains(event.target)) event.preventDefault();
+    }, true);
+  }
   const typed = () => (document.activeElement.tagName === "INPUT" ? document.activeElement : null);
   const typing = () => page.classList.toggle("typing", Boolean(typed()));
   const opened = () => main.querySelector(".choice ul:not([hidden])");

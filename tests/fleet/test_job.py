@@ -147,7 +147,7 @@ def test_too_little_data_is_a_result_that_stays(session: Path, tmp_path: Path) -
     ("damage", "message"),
     [
         ("truncated", "line 91 has 3 columns"),
-        ("missing", "is not a folder"),
+        ("missing", "does not exist"),
         ("empty", "has no session.yaml"),
     ],
 )

@@ -62,7 +62,7 @@ MISTAKES: dict[str, tuple[dict[str, object], str]] = {
     "no cameras": ({"cameras": {}}, "write one to 64 cameras"),
     "list of cameras": ({"cameras": ["left"]}, "cameras is a list of 1: write a mapping"),
     "path as a name": ({"cameras": {"../left": "left"}}, "has the name '../left'"),
-    "missing session": ({"cameras": {"left": "left", "right": "rigth"}}, "rigth is not a folder"),
+    "missing session": ({"cameras": {"left": "left", "right": "rigth"}}, "rigth does not exist"),
     "number for a folder": ({"cameras": {"left": 1}}, "cameras.left is 1"),
     "one session twice": (
         {"cameras": {"left": "left", "right": "left/../left"}},

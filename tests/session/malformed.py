@@ -169,7 +169,7 @@ UNSEEN = "# filename x y level\na - - -\nb - - -\n"
 FIRST_CORNER = "0000.png 109.5 89.5 0"
 
 MALFORMED: tuple[Malformed, ...] = (
-    Malformed("no folder", shutil.rmtree, ("not a folder", "session.yaml")),
+    Malformed("no folder", shutil.rmtree, ("does not exist", "folder of a session")),
     Malformed(
         "no session.yaml",
         lambda f: (f / "session.yaml").unlink(),

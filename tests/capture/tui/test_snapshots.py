@@ -279,7 +279,7 @@ async def fit(pilot: Pilot[None], session: Path) -> None:
 
 async def fit_failed(pilot: Pilot[None], session: Path) -> None:
     await pilot.app.push_screen(FitScreen(session / "missing"))
-    await see(pilot, "is not a folder")
+    await see(pilot, "does not exist")
 
 
 async def results(pilot: Pilot[None], session: Path) -> None:
