@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -42,6 +43,7 @@ LEVEL = 1e-9
 """The weight of the height itself beside that of differences, which do not tell its mean."""
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,8 +72,7 @@ def glass_detail(calibration: Calibration, views: Sequence[PointView]) -> GlassD
     dense = [v for v in views if v.name in index and len(v.pixels) >= MIN_POINTS]
     if not path.cover or len(dense) < 2:
         return None
-    chosen = np.linspace(0, len(dense) - 1, min(MAX_VIEWS, len(dense))).round().astype(np.int64)
-    used = [dense[place] for place in chosen]
+    used = evenly(dense, MAX_VIEWS)
     cells = _Cells.of([view.pixels for view in used])
     used = [_thinned(view, cells) for view in used]
     normal = np.zeros((2, cells.count, 2, 2))
@@ -94,7 +95,7 @@ def glass_detail(calibration: Calibration, views: Sequence[PointView]) -> GlassD
     in_halves = np.all(normal[:, :, 0, 0] > 0, axis=0)
     normal[:, ~in_halves] = normal[:, ~in_halves].sum(0)
     right[:, ~in_halves] = right[:, ~in_halves].sum(0)
-    visible: NDArray[np.bool_] = normal[0, :, 0, 0] > 0
+    visible: NDArray[np.bool_] = np.all(np.linalg.det(normal) > 0, axis=0)
     chart = exit_chart(path, values, cells.middles()[visible])
     visible[visible] = np.isfinite(chart).all(-1)
     chart = chart[np.isfinite(chart).all(-1)]
@@ -110,6 +111,12 @@ def glass_detail(calibration: Calibration, views: Sequence[PointView]) -> GlassD
         height=height.reshape(cells.shape),
         noise=float(np.std(heights[0] - heights[1]) / 2),
     )
+
+
+def evenly(items: Sequence[T], count: int) -> list[T]:
+    """Return so many of the items at the most, from the first to the last."""
+    places = np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(np.int64)
+    return [items[place] for place in places]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.errors import RefracalError
 from calib.estimation.covariance import covariance_root
-from calib.inference.glass_detail import GlassDetail, glass_detail
+from calib.inference.glass_detail import MAX_VIEWS, GlassDetail, evenly, glass_detail
 from calib.optics.relief import Relief
 from calib.report.chart import ChartPanel
 from calib.report.evidence import Array, Evidence
@@ -124,10 +124,12 @@ def read_detail(calibration: Calibration, session: Path) -> GlassDetail | None:
     """
     if calibration.board.has_grid:
         return None
-    camera = calibration.camera
+    camera, names = calibration.camera, {view.name for view in calibration.views}
     try:
+        files = [file for file in point_files(session) if file.name in names]
         views = [
-            read_dense_points(file, camera.width, camera.height) for file in point_files(session)
+            read_dense_points(file, camera.width, camera.height)
+            for file in evenly(files, MAX_VIEWS)
         ]
     except RefracalError:
         return None
