@@ -108,7 +108,8 @@ def typed_list(text: str) -> list[object]:
         ) > 1:
             raise argparse.ArgumentTypeError(
                 f"{quoted(text)} is not a number: write one such as 40, or 40+-5 with its"
-                " uncertainty, or unknown, and a list as 0,-30. Water has the index 1.333."
+                " uncertainty, or unknown, and a list as 0,-30. Lengths are in millimetres, and"
+                " water has the index 1.333."
             )
     return [UNKNOWN if is_unknown(word) else typed_number(word) for word in words]
 
@@ -175,6 +176,10 @@ def cover_from_options(
             value = values if quantity.components else _single(kind, values)
             if quantity.key == RADIUS_KEY:
                 _refuse_metres(_option(kind), value)
+            if kind is LAYER[1] and not (
+                _option(OUTSIDE) in typed or OUTSIDE.quantity.key in earlier
+            ):
+                _refuse_water(_option(kind), value)
             section[quantity.key] = _any_water(value) if kind is OUTSIDE else value
         elif quantity.key in earlier and (same or kind in (*LAYER, OUTSIDE)):
             section[quantity.key] = earlier[quantity.key]
@@ -263,6 +268,17 @@ def _refuse_metres(option: str, value: object) -> None:
         raise InputError(
             f"--{option} {size:g} is in millimetres, and no camera fits into such a cover: write"
             f" one such as 40 ({size:g} m, if metres were meant, is {size * 1000:g})."
+        )
+
+
+def _refuse_water(option: str, value: object) -> None:
+    """Raise InputError for a glass that has the index of water, where air is outside."""
+    index = value["value"] if isinstance(value, dict) else value
+    if isinstance(index, int | float) and abs(index - MEDIA[WATER]) < ANY_WATER.sigma * 3:
+        outside = _option(OUTSIDE)
+        raise InputError(
+            f"--{option} is that of the glass, and {index:g} is that of water: write --{outside}"
+            f" {index:g} for pictures taken in water. For a surface of water write both."
         )
 
 

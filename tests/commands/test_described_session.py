@@ -520,3 +520,10 @@ def test_a_wrong_board_is_not_in_the_suggested_command(photos: Path) -> None:
     with pytest.raises(InputError, match="--board") as refused:
         described(str(photos), "--type", "charuco", "--board", "5x5", "--cover", "flat")
     assert "--type" not in str(refused.value).partition("calib fit")[2].partition("--board")[0]
+
+
+def test_the_index_of_water_is_not_that_of_glass(photos: Path) -> None:
+    with pytest.raises(InputError, match="--index is that of the glass"):
+        described(str(photos), *BOARD, "--cover", "dome", "--index", "1.333")
+    surface = ["--cover", "flat", "--index", "1.333", "--outside-index", "1.333"]
+    assert described(str(photos), *BOARD, *surface).cover.medium.value == 1.333
