@@ -193,7 +193,7 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await _keep(phone, "9-maps")
         assert await phone.evaluate(FETCH % 1) == "200 application/zip"
         await phone.press("escape")
-        await phone.see("Touch Fit to fit")
+        await phone.see("Touch Results for the results")
         await phone.press("u")
         await phone.see("depth in metres")
         await phone.fill("depth", "0.5")
