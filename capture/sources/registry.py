@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from calib.errors import InputError, brief
-from calib.io.images import SUFFIXES
 from calib.session.schema import Section
 from capture.frames import FrameSource
 from capture.typed_path import expand_typed_path
@@ -99,12 +98,20 @@ def open_source(
         place, query = location, ""
     if not place:
         raise InputError(f"{context} does not say which one: write it like {scheme.example}.")
-    if scheme.name == "video" and Path(place).suffix.lower() in SUFFIXES:
-        raise InputError(f"{place} is one picture: name its folder, {Path(place).parent}.")
+    if scheme.name == "video":
+        _check_video(Path(place))
     pairs = _pairs(context, query)
     if scheme.camera:
         pairs = {**(camera_options or {}), **pairs}
     return scheme.backend().open_source(place, Section(pairs, context))
+
+
+def _check_video(path: Path) -> None:
+    """Raise InputError for a picture, whose folder is the source."""
+    from calib.io.images import SUFFIXES  # OpenCV, which cameras do not need here
+
+    if path.suffix.lower() in SUFFIXES:
+        raise InputError(f"{path} is one picture: name its folder, {path.parent}.")
 
 
 def usable_cameras() -> list[str]:
