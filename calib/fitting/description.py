@@ -47,7 +47,7 @@ NOTES = {
     ANY_SHAPE: "sigma is for all shapes of the cover that fit these pictures.",
 }
 """The explanations of the words in the fourth column."""
-NONE_FITTED = "None was fitted: by your wish, or since free they went beyond tolerances."
+NONE_FITTED = "None was fitted: as you asked, or they left their tolerances when free."
 """The line that follows where no number was fitted."""
 PRINTED_COLUMNS = 4
 """The columns that fit into 80 characters."""

@@ -25,7 +25,7 @@ from calib.plots.style import (
 from calib.report.chart import ChartPanel, exit_points
 from calib.report.coverage import BARS, depth_title, has_chart, image_title
 from calib.report.evidence import Array, Evidence
-from calib.report.glass import Heights, heights, read_detail
+from calib.report.glass import Heights, describe_detail, heights, read_detail
 
 PANEL = (3.9, 3.0)
 """Width and height in inches."""
@@ -67,8 +67,7 @@ def detail_figure(evidence: Evidence) -> Figure | None:
     if not detail:
         return None
     height = 1e6 * detail.height
-    low, high = float(np.nanmin(height)), float(np.nanmax(height))
-    limit = max(-low, high) or 1.0
+    title, limit = describe_detail(height)
     panel = panel_size(camera.width / camera.height, PANEL[1])
 
     def paint(figure: Figure) -> None:
@@ -76,7 +75,7 @@ def detail_figure(evidence: Evidence) -> Figure | None:
         image_axes(axes, camera.width, camera.height)
         reach = (detail.x[0], detail.x[-1], detail.y[-1], detail.y[0])
         shown = axes.imshow(height, TWO_SIDED, vmin=-limit, vmax=limit, extent=reach)
-        axes.set_title(f"height beyond the relief: {low:+.2g} to {high:+.2g} µm")
+        axes.set_title(title)
         colour_bar(shown, axes, "µm")
 
     return draw_figure(panel, paint)

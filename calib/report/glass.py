@@ -102,14 +102,8 @@ def glass_in_detail(evidence: Evidence, session: Path | None) -> Drawing | None:
     if not detail:
         return None
     x, y, height = shrink_detail(detail)
-    low, high = float(np.nanmin(height)), float(np.nanmax(height))
-    data: dict[str, object] = {
-        "x": x,
-        "y": y,
-        "height": height,
-        "heightTitle": f"height beyond the relief: {low:+.2g} to {high:+.2g} µm",
-        "limit": max(-low, high) or 1.0,
-    }
+    title, limit = describe_detail(height)
+    data = {"x": x, "y": y, "height": height, "heightTitle": title, "limit": limit}
     caption = (
         "What the screen's points show of the outer surface beyond the relief, such as drops and"
         " scratches: its height where the rays of the picture leave it. Two halves of the poses"
@@ -134,6 +128,12 @@ def read_detail(calibration: Calibration, session: Path) -> GlassDetail | None:
     except RefracalError:
         return None
     return glass_detail(calibration, views)
+
+
+def describe_detail(height: Array) -> tuple[str, float]:
+    """Return the title of a figure of (h, w) µm, and the largest height that its colours show."""
+    low, high = float(np.nanmin(height)), float(np.nanmax(height))
+    return f"height beyond the relief: {low:+.2g} to {high:+.2g} µm", max(-low, high) or 1.0
 
 
 def shrink_detail(detail: GlassDetail) -> tuple[Array, Array, Array]:

@@ -289,10 +289,9 @@ class CollectScreen(WatchingPage, UndistortionPage):
             text = (
                 MORE_BARE_VIEWS_HELP[len(self.view_corners) >= ENOUGH_BARE_VIEWS]
                 if self.plan.bare
-                else find_missing(self.plan.session) or MORE_VIEWS_HELP
+                else find_missing(self.plan.session)
+                or (COMPUTED if progress is None or self.is_improving else MORE_VIEWS_HELP)
             )
-            if text == MORE_VIEWS_HELP and (progress is None or self.is_improving):
-                text = COMPUTED
         line = self.query_one("#next", Line)
         line.set_class(is_enough, Trust.TRUSTED.value)
         line.say(text)

@@ -107,10 +107,10 @@ def _roughly(entry: Dimension) -> str:
     if not entry.tolerance:
         return ""
     sigma = entry.tolerance.sigma * entry.quantity.unit[1]
-    example = f"{EXAMPLES.get(entry.quantity.key, 50.0):g}"
     if entry.quantity.components:
         return EACH_ROUGHLY.format(sigma=f"{sigma:.2g}")
-    return ROUGHLY.format(sigma=f"{sigma:.2g}", example=example)
+    example = EXAMPLES.get(entry.quantity.key, 50.0)
+    return ROUGHLY.format(sigma=f"{sigma:.2g}", example=f"{example:g}")
 
 
 def find_problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:

@@ -101,8 +101,7 @@ class GuidedPage(Page):
     def _handle_improvement(self, message: GuideImproved) -> None:
         if message.done:
             self._improving = False
-        if not message.done or len(self.view_corners) != self._improved_views:
-            self.request_advice()
+        self.request_advice()
 
     @on(AdviceReady)
     def _handle_advice(self, message: AdviceReady) -> None:

@@ -117,7 +117,7 @@ function drawKeys(keys) {
     setTimeout(() => nav.classList.remove("moved"), CALM_MS);
   }
   nav.dataset.places = places;
-  const wide = {1: " whole", 2: " half", 4: " half", 7: " quarter", 8: " quarter"}[others.length] ?? "";
+  const wide = {1: "whole", 2: "half", 4: "half", 7: "quarter", 8: "quarter"}[others.length] ?? "";
   nav.replaceChildren(...[...below.filter((each) => each.top), ...others].map((key) => {
     const rest = key === others[6] && others.length === 7; // the last of two rows fills its row: Back is always there
     const button = make("button", {type: "button", className: `${key.main ? "main" : ""} ${key.top ? "whole" : rest ? "half" : wide}`}, key.label);

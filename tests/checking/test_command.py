@@ -10,8 +10,10 @@ import yaml
 
 from calib.calibration import Calibration
 from calib.checking.pictures import Pictures
+from calib.checking.result import CheckResult, CheckStatistics, CheckStatus
 from calib.checking.update import is_updatable
 from calib.cli import main
+from calib.commands.check_lines import result_lines
 from calib.corners.view import View
 from calib.session.session import session_to_yaml
 from fixtures.later import Later
@@ -222,3 +224,13 @@ def test_another_mode_in_the_folder_one_is_in(
     assert f"Next: capture {tmp_path}-again" in capsys.readouterr().out
     assert main(["check", str(saved), "frames/a.png"]) == 5
     assert "Next: calib fit frames/a.png" in capsys.readouterr().out
+
+
+def test_a_valid_check_prints_no_alarm() -> None:
+    """A change that is certain, and too small to matter."""
+    statistics = CheckStatistics(1e-9, 1.0, 100, 0.12, 0.25, 0.48, 0.004, 0.05, 1.0, 8)
+    valid = "\n".join(result_lines(CheckResult(CheckStatus.VALID, statistics, (), ())))
+    alarm = "\n".join(result_lines(CheckResult(CheckStatus.DEGRADED, statistics, (), ())))
+    assert "too little to matter: it adds 0.004 px" in valid
+    assert "is an alarm" not in valid
+    assert "is an alarm" in alarm

@@ -33,6 +33,16 @@ def test_the_help_shows_groups_with_two_examples_each(capsys: pytest.CaptureFixt
     assert max(map(len, text.splitlines())) <= 80
 
 
+def test_help_is_a_command(capsys: pytest.CaptureFixture[str]) -> None:
+    texts = []
+    for words in (["help", "fit"], ["fit", "--help"]):
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        assert ended.value.code == 0
+        texts.append(capsys.readouterr().out)
+    assert texts[0] == texts[1]
+
+
 def test_a_program_by_its_name_shows_the_help(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -38,6 +38,7 @@ from calib.verdict.residual import residual
 from calib.verdict.thresholds import BEYOND_NOISE, NO_BETTER, TAKEN_UP, WORSE_THAN_BARE
 from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, uncertain_maps
 from calib.verdict.unevenness import unevenness
+from calib.verdict.unknown_numbers import USABLE
 from calib.verdict.unseen_row import extra_rows, unseen_row
 from calib.verdict.verdict import Reason, Trust
 from fixtures.calibrated import with_outcome
@@ -77,6 +78,22 @@ def test_a_check_with_a_bug_leaves_the_other_checks(
     (reason,) = judge.judge(good).reasons
     assert "which is a bug in calib (ZeroDivisionError: by design)" in reason.sentence
     assert reason.next.startswith("calib report ")
+
+
+def test_the_maps_may_be_used_only_where_nothing_else_is_wrong(
+    good: Calibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def open_number(_: Case) -> list[Reason]:
+        return [Reason(f"the radius is open.{USABLE} Measure it.", "calib report x")]
+
+    def wrong(_: Case) -> list[Reason]:
+        return [Reason("the board is wrong.", "calib report x", word=Trust.DO_NOT_USE)]
+
+    monkeypatch.setattr(judge, "CHECKS", (open_number,))
+    assert judge.judge(good).reasons[0].sentence == f"the radius is open.{USABLE} Measure it."
+    monkeypatch.setattr(judge, "CHECKS", (open_number, wrong))
+    sentences = [reason.sentence for reason in judge.judge(good).reasons]
+    assert sentences == ["the board is wrong.", "the radius is open. Measure it."]
 
 
 def ended_with(calibration: Calibration, outcome: Outcome) -> Calibration:

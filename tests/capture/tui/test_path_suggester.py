@@ -14,6 +14,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("pictures 1", "pictures 2", ".hidden"):
         (tmp_path / name).mkdir()
     (tmp_path / "pictures 0.mp4").write_bytes(b"")
+    (tmp_path / "pictures 1" / "0.png").write_bytes(b"")
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -37,6 +38,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("pic", "pictures 0.mp4"),
         ("~/pictures 2", "~/pictures 2/"),
         ("x", None),
+        ("pictures 1/", None),  # its pictures are no sources
     ],
 )
 @pytest.mark.usefixtures("home")

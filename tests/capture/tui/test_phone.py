@@ -114,11 +114,12 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await phone.see("thickness (mm)")
         await _keep(phone, "2-set-up")
         await phone.fill("thickness_mm", CONE[COVER.index("thickness_mm")])
-        await phone.fill("square_mm", "20")
+        await phone.fill("square_mm", "20,0")  # the keyboard of many languages has no point
         await phone.do("Input.dispatchKeyEvent", type="keyDown", key="Enter", code="Enter")
         cone = f"{SHAPE}.parentElement.querySelector('ul:not([hidden]) .chosen')"
         await phone.tap(cone)
         await phone.until(f"!{cone}")
+        await phone.until("document.getElementById('field-square_mm').value === '20.0'")
         await phone.let_go()
         await phone.press_until("ctrl+s", "Touch Cover on to go on")
         await phone.see("Without cover")

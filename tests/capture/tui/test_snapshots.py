@@ -193,7 +193,15 @@ async def collect(pilot: Pilot[None], _: Path) -> None:
     )  # it has said all that it will
     await pilot.pause(0.5)
     screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
-    await see(pilot, "More views would improve the result: name other pictures in the set-up.")
+    more_views = "More views would improve the result: name other pictures in the set-up."
+    await see(pilot, more_views)
+    screen._improving = True
+    screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
+    await see(pilot, "How accurate the maps will be is being computed.")
+    screen.post_message(CollectScreen.GuideImproved(done=True))
+    await see(pilot, more_views)  # the answer comes once it is there
+    screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
+    await pilot.pause(0.5)
     assert HINT.instruction not in shown(pilot)
     screen.plan = replace(screen.plan, source=CAMERA)
     screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
