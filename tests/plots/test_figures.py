@@ -64,8 +64,9 @@ def test_the_command_writes_pictures_and_no_report(
     calibration.save(tmp_path)
     folder = tmp_path / "figures"
     assert main(["report", str(tmp_path), "--png", str(folder), "--depth", "0.4"]) == 0
-    assert capfd.readouterr().out.splitlines() == [str(folder / name) for name in FIGURES]
-    for name in FIGURES:
+    drawn = [name for name in FIGURES if name != "glass-detail.png"]  # too few points for it
+    assert capfd.readouterr().out.splitlines() == [str(folder / name) for name in drawn]
+    for name in drawn:
         picture = cv2.imread(str(folder / name))
         assert picture is not None
         assert picture.shape[1] > 1000, name
