@@ -59,6 +59,10 @@ MARGIN = 0.06
 """The margin of the nodes around the image, as a fraction of its side: a spline needs neighbours at
 the border.
 """
+BORDER = 3.0
+"""Steps of the grid between what the camera sees and the nearest node that is not valid. The
+splines need one. At three the border is smooth, where the cells themselves would notch it.
+"""
 MIN_DEPTH = 1e-3
 """m: the smallest depth of a map.
 
@@ -133,14 +137,47 @@ class RayField:
         depth than `depth`, m.
         """
         visible = (x >= -0.5) & (x <= self.width - 0.5) & (y >= -0.5) & (y <= self.height - 0.5)
-        near = bool((np.asarray(depth) <= self.nearest.max()).any())
-        if near or not self.valid.all():
+        if not self.valid.all():
+            visible &= self._steps_to_border(x, y) >= BORDER
+        if bool((np.asarray(depth) <= self.nearest.max()).any()):
             column, row = cell_index(x, self.nodes_x), cell_index(y, self.nodes_y)
-            visible &= all_corners_true(self.valid)[row, column]
-            if near:
-                exit_depth = sliding_window_view(self.nearest, (2, 2)).max((2, 3))
-                visible &= depth > exit_depth[row, column]
+            exit_depth = sliding_window_view(self.nearest, (2, 2)).max((2, 3))
+            visible &= depth > exit_depth[row, column]
         return visible
+
+    def _steps_to_border(
+        self, x: NDArray[np.floating], y: NDArray[np.floating]
+    ) -> NDArray[np.float32]:
+        """Return the (...) distances of distorted px from the nearest node that is not valid, in
+        steps of the grid.
+        """
+        import cv2  # most covers do not need it
+
+        from calib.undistortion.remap import remap
+
+        column = np.asarray((x - self.nodes_x[0]) / (self.nodes_x[1] - self.nodes_x[0]), np.float32)
+        row = np.asarray((y - self.nodes_y[0]) / (self.nodes_y[1] - self.nodes_y[0]), np.float32)
+        if not column.size:
+            return column
+        shape = (-1, column.shape[-1]) if column.ndim else (1, 1)
+        steps = remap(
+            self._steps_of_nodes,
+            column.reshape(shape),
+            row.reshape(shape),
+            cv2.INTER_LINEAR,
+            cv2.BORDER_REPLICATE,
+        )
+        return steps.reshape(column.shape)
+
+    @cached_property
+    def _steps_of_nodes(self) -> NDArray[np.float32]:
+        """The (h, w) smoothed distances of the nodes from the nearest that is not valid, in steps,
+        below BORDER where one of the eight neighbours is not valid.
+        """
+        from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+        steps = distance_transform_edt(self.valid)
+        return np.asarray(np.minimum(gaussian_filter(steps, 2.0), 2 * steps), dtype=np.float32)
 
     def holds(self, pixels: Array) -> Mask:
         """Return (N,), true where the undistorted picture shows what (N, 2) distorted px see far

@@ -184,6 +184,22 @@ def test_around_a_pole_of_the_lens_the_map_is_right_or_not_valid() -> None:
     assert valid.mean() > 0.99
 
 
+def test_the_border_of_what_a_lens_sees_is_smooth() -> None:
+    """A lens that folds within the picture is accurate up to nearly a circle. The cells of the field
+    are squares of 2 px: as a border, they make steps of 2.8 px in its radius.
+    """
+    field = ray_field(*lens_path(-0.35, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 640, 480)
+    angles = np.linspace(0, 2 * np.pi, 721)[:, None]
+    radii = np.arange(120, 225, 0.05)
+    cx, cy = 342.0, 231.0
+    seen = field.sees(cx + radii * np.cos(angles), cy + radii * np.sin(angles), 1.0)
+    assert seen[:, 0].all()
+    assert not seen[:, -1].any()
+    border = radii[np.argmin(seen, 1)]
+    step = np.abs(np.diff(border)).max()
+    assert step < 0.5
+
+
 def test_a_depth_inside_of_the_cover_is_refused(field: RayField) -> None:
     """The cover is nearer at the picture's edges, so a depth between is a part of the picture."""
     assert field.hidden_fraction(0.5) == 0.0
