@@ -1,12 +1,20 @@
 """Depths that get a sentence: those so near that a part of the picture shows nothing there, because
-they lie inside of the cover, and those so far that millimetres may be meant.
+they lie inside of the cover, those so far that millimetres may be meant, and those that the boards
+do not support.
 """
 
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from calib.calibration import Calibration
 from calib.errors import InputError
+from calib.fitting.corner_range import (
+    corners_at,
+    describe_trusted,
+    distance_range,
+    trusted_depths,
+)
 from calib.undistortion.ray_field import RayField
 
 NOTABLE = 0.05
@@ -54,3 +62,18 @@ def describe_depths(field: RayField, depths: Iterable[float]) -> Iterator[str]:
                 " nothing is there to see: these pixels are black. Depth is in metres, from the"
                 " lens."
             )
+
+
+def describe_unsupported(calibration: Calibration, depths: Iterable[float]) -> Iterator[str]:
+    """Yield a sentence on the depths, m, that the boards of a covered camera do not support."""
+    corners = corners_at(calibration)
+    if not len(corners) or not calibration.model()[0].cover:
+        return
+    near, far = distance_range(corners[:, 2])
+    nearest, farthest = trusted_depths(near, far)
+    untrusted = [depth for depth in dict.fromkeys(depths) if not nearest <= depth <= farthest]
+    if untrusted:
+        yield (
+            f"Take care at {', '.join(f'{depth:g} m' for depth in untrusted)}: the boards were"
+            f" {near:.2g} to {far:.2g} m away, which supports {describe_trusted(near, far)}."
+        )

@@ -20,7 +20,7 @@ from calib.corners.copies import describe_still
 from calib.corners.view import RejectedPicture
 from calib.errors import InputError, brief, harmless
 from calib.fitting.board_turns import describe_turned
-from calib.fitting.corner_range import corners_at, distance_range
+from calib.fitting.corner_range import corners_at, describe_trusted, distance_range
 from calib.fitting.description import (
     PRINTED_COLUMNS,
     describe,
@@ -32,7 +32,6 @@ from calib.fitting.view_noise import describe_noisy_views
 from calib.progress import Advance
 from calib.session.lens import NAMES
 from calib.table import board_error, change
-from calib.verdict.depths import describe_trusted
 from calib.verdict.thresholds import NO_BETTER
 from calib.verdict.uncertainty import map_sigmas, reached_depths
 

@@ -107,7 +107,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from calib.apply.angular_reach import undistortion_limit
-        from calib.apply.asked_depths import describe_depths
+        from calib.apply.asked_depths import describe_depths, describe_unsupported
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
@@ -135,7 +135,10 @@ def run(args: argparse.Namespace) -> None:
         print(remark, file=sys.stderr)
     if limit := undistortion_limit(calibration):
         print(limit, file=sys.stderr)
-    for remark in describe_depths(calibration.ray_field(), filter(None, [args.depth])):
+    for remark in (
+        *describe_depths(calibration.ray_field(), filter(None, [args.depth])),
+        *describe_unsupported(calibration, filter(None, [args.depth])),
+    ):
         print(remark, file=sys.stderr)
     if cut_off:
         count = len(cut_off) - 1

@@ -34,7 +34,12 @@ from calib.fitting.evaluate import evaluate
 from calib.fitting.fit_result import with_fit
 from calib.fitting.view_noise import describe_noisy_views
 from calib.inference.calibration_model import base_model, full_model, without_own_bend
-from calib.inference.cross_validation import FOLDS, depth_split, fold_split
+from calib.inference.cross_validation import (
+    FOLDS,
+    MIN_CONFIRMING_VIEWS,
+    depth_split,
+    fold_split,
+)
 from calib.inference.fitted_model import ModelFit
 from calib.inference.residual_structure import (
     VarianceShare,
@@ -46,8 +51,6 @@ from calib.session.session import Session, SessionSource
 from calib.threads import single_thread
 
 MIN_VIEWS = FOLDS
-MIN_CONFIRMING_VIEWS = 2 * FOLDS
-"""The fewest views with which an effect can be accepted; with fewer, scores are reported."""
 MAX_INCREASE = 1.01
 """The error with free numbers over that with held ones: they lower it, or the fit ended elsewhere.
 """

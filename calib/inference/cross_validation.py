@@ -28,6 +28,8 @@ from calib.inference.sign_flip_test import gain_p_value, sign_flip_p_value
 Array = NDArray[np.float64]
 
 FOLDS = 5
+MIN_CONFIRMING_VIEWS = 2 * FOLDS
+"""The fewest views with which an effect can be accepted; with fewer, scores are reported."""
 DEPTH_BANDS = 3
 MIN_DEPTH_RATIO = 1.3
 """The smallest ratio between the depths of the farthest and the nearest band."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
+from calib.fitting.corner_range import describe_trusted
 from calib.fitting.declared import comparisons
 from calib.fitting.description import describe_bend
 from calib.report.evidence import Evidence
@@ -15,7 +16,6 @@ from calib.report.patterns import over_board, over_image
 from calib.report.tiles import Tile, report_tiles
 from calib.session.cover import Cover
 from calib.session.parameter_names import INDEX, THICKNESS, layer_number
-from calib.verdict.depths import describe_trusted
 from calib.verdict.judge import judge
 from calib.verdict.residual import NOT_ALL_NOISE, OF_NOISE
 from calib.verdict.thresholds import BEYOND_NOISE

@@ -1,10 +1,10 @@
 """Checks: the depths of the views, and of the requested maps."""
 
-import math
 from collections.abc import Iterator
 
+from calib.fitting.corner_range import describe_trusted, trusted_depths
 from calib.verdict.case import Case
-from calib.verdict.thresholds import DEPTH_MARGIN, ONE_DEPTH
+from calib.verdict.thresholds import ONE_DEPTH
 from calib.verdict.verdict import Reason
 
 
@@ -31,19 +31,3 @@ def requested_depths(case: Case) -> Iterator[Reason]:
             f" {describe_trusted(near, far)}: take views there."
         )
         yield Reason(sentence, case.next.capture())
-
-
-def trusted_depths(near: float, far: float) -> tuple[float, float]:
-    """Return the range of depths in m that corners from near to far support."""
-    margin = DEPTH_MARGIN * (1 / near - 1 / far)
-    return 1 / (1 / near + margin), 1 / (1 / far - margin) if 1 / far > margin else math.inf
-
-
-def describe_trusted(near: float, far: float) -> str:
-    """Return the range of `trusted_depths` in words."""
-    nearest, farthest = trusted_depths(near, far)
-    return (
-        f"{nearest:.2g} m and more"
-        if math.isinf(farthest)
-        else f"{nearest:.2g} to {farthest:.2g} m"
-    )

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 
+from calib.fitting.corner_range import trusted_depths
 from calib.fitting.evaluate import Evaluation
 from calib.verdict.case import Case
-from calib.verdict.depths import trusted_depths
 from calib.verdict.thresholds import HELD_OUT
 from calib.verdict.verdict import Reason
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from calib.calibration import Calibration
 from calib.corners.view import pose_labels
 from calib.fit_record.request import CommandOptions, Settings
-from calib.inference.cross_validation import FOLDS
+from calib.inference.cross_validation import MIN_CONFIRMING_VIEWS
 from calib.io.images import frames_folder
 from calib.io.numerals import depth_text
 
@@ -63,7 +63,7 @@ class NextCommands:
             records=calibration.board.has_grid and frames_folder(session) != session,
             pictures=next((place for place in pictures if place.is_dir()), None),
             depths=depths or command.depths,
-            diagnosable=len(set(pose_labels(calibration.views).tolist())) >= FOLDS,
+            diagnosable=len(set(pose_labels(calibration.views))) >= MIN_CONFIRMING_VIEWS,
         )
 
     def fit(self, *options: str) -> str:

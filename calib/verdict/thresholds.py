@@ -116,12 +116,6 @@ ONE_DEPTH = 1.5
 Lens and cover are told apart by what changes with depth; from 1 to 1.5 m, a third of the parallax
 does.
 """
-DEPTH_MARGIN = 0.5
-"""The margin on both sides of the corners' inverse depths, relative to their span. A pixel's ray is
-the same at every depth, so its undistorted place is a straight line over inverse depth; the
-standard deviation of a line that was fitted to evenly spread points is, half a span beyond their
-ends, 1.8 times what it is at the ends.
-"""
 UNSURE = 0.5
 """px, predicted standard deviation of the maps at the corners: from there a map is known to less
 than a pixel.

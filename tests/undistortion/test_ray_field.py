@@ -1,10 +1,12 @@
 """Maps against tracing, pixel by pixel."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
-from calib.apply.asked_depths import ReachedDepths, describe_depths
+from calib.apply.asked_depths import ReachedDepths, describe_depths, describe_unsupported
 from calib.errors import InputError
 from calib.optics.build import pinhole_path
 from calib.optics.exposure import MIDDLE
@@ -15,6 +17,7 @@ from calib.session.camera import Intrinsics
 from calib.session.schema import Number
 from calib.undistortion.depth_map import DepthMap
 from calib.undistortion.ray_field import RayField, ray_field
+from fixtures.known import known
 from fixtures.synthetic import HEIGHT, WIDTH, Scene, scene
 
 
@@ -185,7 +188,7 @@ def test_around_a_pole_of_the_lens_the_map_is_right_or_not_valid() -> None:
 
 
 def test_the_border_of_what_a_lens_sees_is_smooth() -> None:
-    """A lens that folds within the picture is accurate up to nearly a circle. The cells of the field
+    """A lens that folds within the picture is accurate up to about a circle. The cells of the field
     are squares of 2 px: as a border, they make steps of 2.8 px in its radius.
     """
     field = ray_field(*lens_path(-0.35, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 640, 480)
@@ -198,6 +201,15 @@ def test_the_border_of_what_a_lens_sees_is_smooth() -> None:
     border = radii[np.argmin(seen, 1)]
     step = np.abs(np.diff(border)).max()
     assert step < 0.5
+
+
+def test_a_depth_that_the_boards_do_not_support_gets_a_sentence(made: Scene) -> None:
+    calibration = known(made, WIDTH, HEIGHT)
+    assert not list(describe_unsupported(calibration, [9.0])), "no corner is known"
+    seen = replace(calibration, corners_at=np.array([[10.0, 10.0, 0.5], [90.0, 90.0, 0.8]]))
+    assert not list(describe_unsupported(seen, [0.45, 1.0]))
+    (sentence,) = describe_unsupported(seen, [0.3, 0.5, 9.0])
+    assert sentence.startswith("Take care at 0.3 m, 9 m: the boards were 0.5 to 0.8 m away")
 
 
 def test_a_depth_inside_of_the_cover_is_refused(field: RayField) -> None:

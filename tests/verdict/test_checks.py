@@ -16,6 +16,7 @@ from calib.estimation.relief_heights import height_spread
 from calib.fit_record.history import DiagnosisRecord, History
 from calib.fit_record.outcome import CrossValidation
 from calib.fit_record.request import FitRequest, Settings
+from calib.fitting.corner_range import trusted_depths
 from calib.fitting.evaluate import BadView, Evaluation
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
@@ -29,7 +30,7 @@ from calib.verdict.convergence import not_converged, not_finite
 from calib.verdict.cover_stage import cover_stage, worse_than_none
 from calib.verdict.coverage import coverage
 from calib.verdict.declared_numbers import declared_numbers
-from calib.verdict.depths import one_depth, requested_depths, trusted_depths
+from calib.verdict.depths import one_depth, requested_depths
 from calib.verdict.held_out import held_out, overfits
 from calib.verdict.judge import CHECKS
 from calib.verdict.medium import medium

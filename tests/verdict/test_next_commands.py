@@ -61,7 +61,7 @@ def test_no_diagnosis_is_proposed_of_too_few_views(good: Calibration) -> None:
     commands = NextCommands(Path("s"), Path("s/calibration"), Settings(), diagnosable=False)
     assert commands.diagnose() == "capture s"
     assert NextCommands.of(good, None, None, ()).diagnosable
-    few = replace(good, views=good.views[:4])
+    few = replace(good, views=good.views[:9])
     assert not NextCommands.of(few, None, None, ()).diagnosable
 
 
