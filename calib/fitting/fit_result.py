@@ -29,7 +29,7 @@ from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
 from calib.session.numbers import unknown_names
-from calib.session.parameter_names import CAMERA
+from calib.session.parameter_names import CAMERA, NUMBER
 
 SCATTERED = 1.25
 """The scatter of the views over that of independent corners, from which on it is asked whether
@@ -94,8 +94,7 @@ def count_views(
     view, too.
 
     Args:
-        loose: the names of the numbers with wide priors. None becomes less certain than its prior,
-            which is no measurement that scatters with the views.
+        loose: the names of the numbers with wide priors, of which the profile is asked as well.
     """
     fitted = FittedModel(model, observations, joint)
     scatter = ViewScatter.of(fitted, labels)
@@ -123,45 +122,50 @@ def count_views(
         shifts = possible_shifts(fitted, context)
         wide = replace(wide, covariance=wide.covariance + torch.from_numpy(shifts))
     wide, variances = widen_valleys(model, observations, joint, wide, of_cover)
-    limited = _limited_by_priors(wide, loose)
+    if not joint.finite:
+        return wide, uncertainty
+    limits = _limits_by_priors(joint)
+    limited = _at_most(wide, limits)
     # A limit takes from whatever depends on its number, perhaps more than that number's profile.
-    return _limited_by_priors(_at_least(limited, variances), loose), uncertainty
+    least = {name: min(variance, limits[name]) for name, variance in variances.items()}
+    return _at_most(_at_least(limited, least), limits), uncertainty
+
+
+def _limits_by_priors(joint: JointFit) -> Mapping[str, float]:
+    """Return by its name the largest variance of each declared number, over its scale squared.
+
+    If the prior holds, the mean square of an estimate's error is the variance of the prior and the
+    square of the distance from its mean, whatever the pictures say.
+    """
+    sigmas = joint.parameters.priors.sigmas
+    limits = {}
+    for param in joint.parameters.free:
+        name = param.name
+        if name in sigmas and not param.shape and (CAMERA.has(name) or NUMBER.match(name)):
+            shift = float(joint.values[name] - joint.parameters.origin[name])
+            limits[name] = (float(sigmas[name]) ** 2 + shift**2) / param.scale**2
+    return limits
 
 
 def _at_least(joint: JointFit, variances: Mapping[str, float]) -> JointFit:
-    """Return the fit with at least these variances, over the scales squared, each no larger than
-    that of the number's prior.
-    """
-    covariance = joint.covariance
+    """Return the fit with at least these variances, over the scales squared."""
+    covariance, places = joint.covariance, joint.parameters.slices()
     for name, variance in variances.items():
-        at, limit = _place_and_limit(joint, name)
-        if float(covariance[at, at]) < min(variance, limit):
-            covariance = with_variance(covariance, at, min(variance, limit))
+        at = places[name].start
+        if float(covariance[at, at]) < variance:
+            covariance = with_variance(covariance, at, variance)
     return replace(joint, covariance=covariance)
 
 
-def _place_and_limit(joint: JointFit, name: str) -> tuple[int, float]:
-    """Return the place of a scalar in the fitted vector, and the variance of its prior over its
-    scale squared.
+def _at_most(joint: JointFit, variances: Mapping[str, float]) -> JointFit:
+    """Return the fit with at most these variances, over the scales squared: each number that is
+    less certain gets an observation, and whatever depends on it follows.
     """
-    scale = next(param.scale for param in joint.parameters.free if param.name == name)
-    limit = (float(joint.parameters.priors.sigmas[name]) / scale) ** 2
-    return joint.parameters.slices()[name].start, limit
-
-
-def _limited_by_priors(joint: JointFit, names: Sequence[str]) -> JointFit:
-    """Return the fit with a covariance in which none of these numbers is less certain than its
-    prior: each that is gets an observation that makes it as certain, and whatever depends on it
-    follows.
-    """
-    if not joint.finite:
-        return joint
-    covariance = joint.covariance
-    for param in joint.parameters.free:
-        if param.name in names:
-            at, limit = _place_and_limit(joint, param.name)
-            if float(covariance[at, at]) > limit:
-                covariance = with_variance(covariance, at, limit)
+    covariance, places = joint.covariance, joint.parameters.slices()
+    for name, variance in variances.items():
+        at = places[name].start
+        if float(covariance[at, at]) > variance:
+            covariance = with_variance(covariance, at, variance)
     return replace(joint, covariance=covariance)
 
 

@@ -57,8 +57,9 @@ def undecided_medium(case: Case) -> Iterator[str]:
     if -OTHER_MEDIUM_LOG_ODDS < odds[word] - odds[name] < UNDECIDED_LOG_ODDS:
         yield (
             f"these pictures fit {name} outside of the cover about as well as {word}. The numbers"
-            f" of camera and cover hold only if {word} is right; pictures without the cover, in"
-            " bare/, would decide."
+            f" of camera and cover hold only if {word} is right: if it was {name}, add"
+            f" --outside-index {MEDIA[name]:g} to the fit. Pictures without the cover, in bare/,"
+            " would decide."
         )
 
 
