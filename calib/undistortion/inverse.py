@@ -31,6 +31,10 @@ COARSEST = 64
 """px between the nodes of the first grid."""
 SPACING = 16
 """px: the largest spacing of a grid on which some nodes have no solution."""
+FEW_PIXELS = 8
+"""The number of pixels for each node below which no finer grid follows: pixels of the other cells
+are then solved one by one.
+"""
 MAX_ERROR = 0.005
 """px: the largest error of a spline after refinement; cells with a larger error are not valid."""
 MAX_START_NODES = 40_000
@@ -101,14 +105,15 @@ class InverseMap:
 
 def invert(forward: ForwardMap, window: Window) -> InverseMap:
     """Solve on finer and finer grids, down to the spacing of `forward`, until the spline is the
-    inverse between the nodes as well.
+    inverse between the nodes as well, or few pixels are left between two nodes.
     """
     for spacing in grid_spacings(min(SPACING, float(forward.nodes_x[1] - forward.nodes_x[0]))):
         columns = grid_nodes(window.width, spacing / window.zoom[0], 0.0)
         rows = grid_nodes(window.height, spacing / window.zoom[1], 0.0)
         inverse, solved = invert_on_grid(forward, window, columns, rows)
+        few = FEW_PIXELS * len(columns) * len(rows) > window.width * window.height
         if inverse.cells.all() or (
-            spacing <= SPACING and inverse.cells[interior_cells(solved)].all()
+            spacing <= SPACING and (few or inverse.cells[interior_cells(solved)].all())
         ):
             break
     return inverse

@@ -220,7 +220,8 @@ class RayField:
         """
         self.check_reach(depth)
         window = window or self.window
-        return depth_map(invert(self.forward(depth), window), depth, window, self.sees)
+        forward = self.forward(depth)
+        return depth_map(forward, invert(forward, window), depth, window, self.sees)
 
     @cached_property
     def _spline(self) -> Spline:

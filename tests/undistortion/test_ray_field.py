@@ -16,6 +16,7 @@ from calib.optics.projection import project
 from calib.session.camera import Intrinsics
 from calib.session.schema import Number
 from calib.undistortion.depth_map import DepthMap
+from calib.undistortion.inverse import invert
 from calib.undistortion.ray_field import RayField, ray_field
 from fixtures.known import known
 from fixtures.synthetic import HEIGHT, WIDTH, Scene, scene
@@ -185,6 +186,23 @@ def test_around_a_pole_of_the_lens_the_map_is_right_or_not_valid() -> None:
     assert not field.valid.all()
     assert error[in_picture & valid].max() < 0.01
     assert valid.mean() > 0.99
+
+
+@pytest.mark.parametrize("k1", [0.5, -0.35])
+def test_a_map_is_valid_exactly_where_the_camera_sees(k1: float) -> None:
+    """With a lens whose straight picture is much smaller than the camera's, and with one that folds
+    within its picture: the grid of the inverse fails around what they see.
+    """
+    field = ray_field(*lens_path(k1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 640, 480)
+    made = field.map_at(1.0)
+    inverse = invert(field.forward(1.0), field.window)
+    assert not inverse.cells.all()
+    pixels = np.stack(np.meshgrid(np.arange(640.0), np.arange(480.0)), -1).reshape(-1, 2)
+    distorted, seen = field.distort_pixels(pixels, 1.0)
+    assert np.count_nonzero(made.valid != seen.reshape(480, 640)) <= 2, "but for rounding"
+    both = seen & made.valid.ravel()
+    error = np.column_stack([made.x.ravel(), made.y.ravel()])[both] - distorted[both]
+    assert np.abs(error).max() < 0.01
 
 
 def test_the_border_of_what_a_lens_sees_is_smooth() -> None:
