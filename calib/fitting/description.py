@@ -34,7 +34,9 @@ declared one.
 """
 NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined"
 CONTRADICTED, AS_DECLARED = "contradicted", "as declared"
-ANY_SHAPE = "any shape"
+ANY_SHAPE, VAGUE = "any shape", "hardly known"
+MAX_VAGUENESS = 0.05
+"""The largest sigma of a focal length, relative to it, that gets no mark."""
 NOTES = {
     NOT_FITTED: "kept at the value that you gave, or at the default.",
     CORRECTED: (
@@ -45,6 +47,7 @@ NOTES = {
     UNDETERMINED: "you gave no value, and these pictures do not determine it.",
     CONTRADICTED: "the pictures do not agree with the declared number.",
     ANY_SHAPE: "sigma is for all shapes of the cover that fit these pictures.",
+    VAGUE: "tilted boards, near and far, would measure it.",
 }
 """The explanations of the words in the fourth column."""
 NONE_FITTED = "None was fitted: as you asked, or they left their tolerances when free."
@@ -184,7 +187,7 @@ def _section(name: str, title: str, numbers: Iterable[Comparison]) -> TableSecti
 
 def _row(number: Comparison) -> tuple[str, ...]:
     if number.source == VIEWS:
-        return number.name, number.estimated, "", "", ""
+        return number.name, number.estimated, "", VAGUE * _is_vague(number), ""
     declared = number.stated if number.source == DECLARED else f"{number.stated} (bare/)"
     is_compared = not number.held and not number.unknown
     difference = abs(number.estimate - number.declared) / number.tolerance if is_compared else None
@@ -218,8 +221,15 @@ def _note(number: Comparison) -> str:
         words = CONTRADICTED
     if not words and number.is_uninformed:
         words = AS_DECLARED
+    if not words and _is_vague(number):
+        words = VAGUE
     effect = f"by {number.effect}" if number.effect else ""
     return ", ".join(filter(None, [words, effect]))
+
+
+def _is_vague(number: Comparison) -> bool:
+    """Return True for a focal length that is not known to a twentieth."""
+    return number.name in CAMERA.focal and number.sigma > MAX_VAGUENESS * abs(number.estimate)
 
 
 def _camera_title(calibration: Calibration) -> str:

@@ -50,6 +50,19 @@ def test_a_number_has_its_sigma_what_was_declared_and_how_they_agree(plain: Cali
     )
 
 
+def test_a_focal_length_that_is_hardly_known_is_marked(plain: Calibration) -> None:
+    intrinsics = plain.camera.intrinsics
+    assert intrinsics
+    vague = replace(intrinsics, fx=Number(640.0, 96.0), fy=Number(640.0, 6.0))
+    stated = replace(plain.declared, intrinsics=replace(intrinsics, fx=Number(640.0, 400.0)))
+    camera = replace(plain.camera, intrinsics=vague)
+    table = describe(replace(plain, camera=camera, stated=stated))
+    rows = {row[0]: row for section in table.sections for row in section.rows}
+    assert rows["camera.fx"][3] == "hardly known"
+    assert rows["camera.fy"][3] != "hardly known"
+    assert any(note.startswith("hardly known: ") for note in table.notes)
+
+
 def test_a_lens_has_its_model_and_its_coefficients() -> None:
     calibration = lens_alone(scene(1, views=1), 640, 480, *LENS)
     text = str(describe(calibration))
