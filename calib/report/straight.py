@@ -29,8 +29,10 @@ SAMPLES = 41
 """Points of a drawn line."""
 MAX_READS = 5
 """Pictures to try, largest board first. If none of them can be read, the session is gone."""
-BLIND_GREY = 96
-"""The grey of pixels that the camera does not see."""
+STRIPES = 208, 232
+"""The greys of the stripes over pixels that the camera does not see."""
+STRIPE = 6
+"""px: the width of a stripe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,9 +166,10 @@ def _undistorted_picture(evidence: Evidence, picture: np.ndarray, depth: float) 
     depth_map = evidence.field.map_at(depth, window)
     x = np.where(depth_map.valid, (depth_map.x + 0.5) / zoom[0] - 0.5, -9).astype(np.float32)
     y = np.where(depth_map.valid, (depth_map.y + 0.5) / zoom[1] - 0.5, -9).astype(np.float32)
-    return cv2.remap(
-        picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT, borderValue=BLIND_GREY
-    )
+    straight = cv2.remap(picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    x_plus_y = np.arange(width) + np.arange(height)[:, None]
+    stripes = np.where(x_plus_y // STRIPE % 2, *STRIPES)
+    return np.where(depth_map.valid, straight, stripes).astype(np.uint8)
 
 
 def _html(evidence: Evidence, view: int, picture: np.ndarray | None) -> str:
@@ -219,7 +222,8 @@ def _html(evidence: Evidence, view: int, picture: np.ndarray | None) -> str:
         f"<p>{name}, and the same picture undistorted for the depth of its board, {depth:.2g} m."
         f"{scale} Orange: the rows and columns of the board, continued across the picture, as lens"
         " and cover show them. Blue: straight lines. Dots: the detected corners, on the same scale,"
-        f" without the bend of the board itself.{absent if picture is None else ''}</p>"
+        " without the bend of the board itself."
+        f"{absent if picture is None else ' Stripes: what the camera does not see.'}</p>"
     )
 
 
