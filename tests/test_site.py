@@ -246,6 +246,7 @@ def test_it_builds_strictly_and_fetches_nothing(site: Path) -> None:
             path.read_text(encoding="utf-8"),
         )
         assert fetched == [], path
+        assert "<table class" not in path.read_text(encoding="utf-8"), "Material styles no other"
     reference = (site / "reference.html").read_text(encoding="utf-8")
     assert 'id="calib.calibration.Calibration.undistort_maps"' in reference
 

@@ -1,5 +1,5 @@
 """Depths that get a sentence: those so near that a part of the picture shows nothing there, because
-they lie inside of the cover, those so far that millimetres may be meant, and those that the boards
+they lie inside the cover, those so far that millimetres may be meant, and those that the boards
 do not support.
 """
 
@@ -18,11 +18,13 @@ from calib.fitting.corner_range import (
 from calib.undistortion.ray_field import RayField
 
 NOTABLE = 0.05
-"""The fraction of the picture that may be inside of the cover without a remark."""
+"""The fraction of the picture that may be inside the cover without a remark."""
 FAR = 100.0
 """m: the nearest depth that may have been meant in mm. Covered cameras look at things nearer than
 that, and a map of 100 m hardly differs from that of infinity, which is written `inf`.
 """
+MANY, MANY_CM = 10.0, 10.0
+"""The depth over the farthest corner's, and the depth in m, from which cm may have been meant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +47,23 @@ class ReachedDepths:
         return ReachedDepths(tuple(reached), tuple(refusals))
 
 
-def describe_depths(field: RayField, depths: Iterable[float]) -> Iterator[str]:
-    """Yield a sentence on each depth, m, that lies inside of the cover for a part of the picture,
-    which therefore is black, and on each that may have been meant in mm.
+def describe_depths(
+    field: RayField, depths: Iterable[float], farthest: float = math.inf
+) -> Iterator[str]:
+    """Yield a sentence on each depth, m, that lies inside the cover for a part of the picture,
+    which therefore is black, and on each that may have been meant in mm or cm.
+
+    Args:
+        farthest: m, how far away the farthest corner was.
     """
     for depth in dict.fromkeys(depths):
-        if FAR <= depth < math.inf:
-            yield (
-                f"{depth:g} is taken as metres: write {depth / 1000:g} for {depth:g} mm, and inf"
-                " for far away."
-            )
+        for name, units, far in (("mm", 1000, FAR), ("cm", 100, max(MANY_CM, MANY * farthest))):
+            if far <= depth < math.inf:
+                yield (
+                    f"{depth:g} is taken as metres: write {depth / units:g} for {depth:g} {name},"
+                    " and inf for far away."
+                )
+                break
         hidden = field.hidden_fraction(depth)
         if hidden > NOTABLE:
             yield (
@@ -64,9 +73,14 @@ def describe_depths(field: RayField, depths: Iterable[float]) -> Iterator[str]:
             )
 
 
-def describe_unsupported(calibration: Calibration, depths: Iterable[float]) -> Iterator[str]:
-    """Yield a sentence on the depths, m, that the boards of a covered camera do not support."""
+def describe_all(calibration: Calibration, depths: Iterable[float]) -> Iterator[str]:
+    """Yield the sentences of `describe_depths`, and one on the depths, m, that the boards of a
+    covered camera do not support.
+    """
+    depths = tuple(depths)
     corners = corners_at(calibration)
+    farthest = distance_range(corners[:, 2])[1] if len(corners) else math.inf
+    yield from describe_depths(calibration.ray_field(), depths, farthest)
     if not len(corners) or not calibration.model()[0].cover:
         return
     near, far = distance_range(corners[:, 2])

@@ -19,8 +19,8 @@ PICTURES are a session, a folder of pictures, or picture files. Three to five ar
 board, and show it near and far. If they have no session.yaml, the board is the calibration's.
 Exit code 0: valid; 5: degraded or broken.
 
-With --update, OUT gets an updated calibration: the calibration is the prior, and the pictures
-refine it. Its history is kept.
+With --update, the command also writes an updated calibration: the old one is the prior, and the
+pictures refine it. Its history is kept.
 """
 EXAMPLES = (
     "calib check cam0/calibration today/*.jpg",

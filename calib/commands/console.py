@@ -35,6 +35,8 @@ from calib.table import board_error, change
 from calib.verdict.thresholds import NO_BETTER
 from calib.verdict.uncertainty import map_sigmas, reached_depths
 
+AS_WELL = 1.2
+"""The largest error of held-out views, over that of the fitted ones, that is called as good."""
 TITLE_WIDTH = 22
 BAR_WIDTH = 20
 
@@ -90,6 +92,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
     looks = describe_redetection(calibration.outcome.redetections or ())
     view_lines = filter(None, (looks, describe_noisy_views(calibration.outcome.view_noise)))
     reach = filter(None, [undistortion_limit(calibration)])
+    uncertainty = calibration.outcome.uncertainty
     for line in (
         *_unseen_cover(calibration),
         *view_lines,
@@ -98,7 +101,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         *describe_still(calibration.views),
         *_turned_boards(calibration),
         *filter(None, [describe_bend(calibration)]),
-        *_heavy_views(calibration),
+        *filter(None, [uncertainty.heavy_sentence if uncertainty else ""]),
         *_maps(calibration),
         *reach,
     ):
@@ -130,15 +133,17 @@ def _stages(stages: Sequence[Stage]) -> Table:
 def _maps(calibration: Calibration) -> Iterator[str]:
     """Yield a line on the standard deviation of the maps, where the board was."""
     try:
-        sigmas = map_sigmas(calibration, reached_depths(calibration))
+        command = calibration.request.command
+        requested = command.depths if command else ()
+        sigmas = map_sigmas(calibration, (*requested, *reached_depths(calibration)))
     except InputError:  # corners lie behind the camera: the verdict says so
         return
     if sigmas:
         listed = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in sigmas.items())
         near, far = distance_range(corners_at(calibration)[:, 2])
         yield (
-            f"Where the board was, the maps are known to {listed} (sigma). The boards support maps"
-            f" for {describe_trusted(near, far)}."
+            f"Sigma of the maps where the board was: {listed}. The boards support maps for"
+            f" {describe_trusted(near, far)}."
         )
 
 
@@ -172,22 +177,8 @@ def _unseen_cover(calibration: Calibration) -> Iterator[str]:
         return
     if stages[-1].rms_px > NO_BETTER * stages[0].rms_px:
         yield (
-            "The camera alone leaves the same error: these pictures hardly show the cover, and its"
-            " numbers are those that you gave, or a guess."
-        )
-
-
-def _heavy_views(calibration: Calibration) -> Iterator[str]:
-    """Yield a line on the views that the fit depends on most, if there are any."""
-    uncertainty = calibration.outcome.uncertainty
-    views = dict(uncertainty.heavy_views) if uncertainty else {}
-    shares = [f"{name} ({100 * share:.0f} %)" for name, share in views.items()]
-    if shares:
-        pictures = "One picture carries" if len(shares) == 1 else f"{len(shares)} pictures carry"
-        places = "that place" if len(shares) == 1 else "those places"
-        yield (
-            f"{pictures} much of the result: {', '.join(shares)}. Take more with the board in about"
-            f" {places}."
+            "The camera alone leaves the same error: these pictures hardly show the cover, and"
+            " hardly improve what you said of it."
         )
 
 
@@ -241,7 +232,9 @@ def print_evaluation(evaluation: Evaluation, fitted_px: float | None, *, wide: b
     count = evaluation.frames_used
     console.print(f"{count} views: only the poses of the board were fitted to them.")
     if fitted_px is not None:
-        console.print(f"The error on the fitted views is {fitted_px:.3f} px.")
+        agrees = not evaluation.fitted_views and evaluation.rms_px <= AS_WELL * fitted_px
+        words = ": the held-out views fit as well" if agrees else ""
+        console.print(f"The error on the fitted views is {fitted_px:.3f} px{words}.")
     for view in evaluation.bad_views:
         line = (
             f"Does not fit: {view.file}: {view.rms_px:.3f} px, the other views"

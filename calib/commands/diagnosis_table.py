@@ -52,16 +52,18 @@ def _errors(finding: Diagnosis) -> Table:
         "fitted views",
         "on the board",
         "held-out views",
-        title="Before and after (root mean square)",
+        title=f"{'Before and after' if finding.accepted else 'Error'} (root mean square)",
     )
     for column in table.columns[1:]:
         column.justify = "right"
     if (given_px := finding.given_held_out_px) is not None:
         table.add_row("as given (calib evaluate)", "", "", f"{given_px:.3f} px")
-    for name, quality in (
-        ("before, with a flat board", finding.base_quality),
-        ("after, with those found", finding.final_quality),
-    ):
+    rows = [("before, with a flat board", finding.base_quality)]
+    if finding.accepted:
+        rows.append(("after, with those found", finding.final_quality))
+    else:
+        rows = [("of the calibration", finding.base_quality)]
+    for name, quality in rows:
         table.add_row(
             name,
             f"{quality.rms_px:.3f} px",
@@ -82,12 +84,15 @@ def _candidate_lines(finding: Diagnosis) -> Iterator[str]:
         finding.candidates, key=lambda c: (not c.accepted, c.held_out_px_after is None, c.p_value)
     ):
         groups.setdefault(candidate.outcome, []).append(candidate)
-    yield f"{'What was considered':<41}{'held out, px':>18}{'gain, px':>18}"
+    columns = f"{'held out, px':>18}{'gain, px':>18}"
+    is_measured = any(candidate.held_out_px_after is not None for candidate in finding.candidates)
+    yield f"{'What was considered':<41}{columns if is_measured else ''}".rstrip()
     yield "─" * 77
     for outcome, group in groups.items():
         yield f"{outcome}:"
         yield from map(_line, group)
-    yield from EXPLANATION
+    if is_measured:
+        yield from EXPLANATION
 
 
 def _line(candidate: Candidate) -> str:

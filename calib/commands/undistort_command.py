@@ -39,10 +39,6 @@ EXAMPLES = (
 )
 
 
-NOTABLE = 0.1
-"""The part of a straight picture that may be black without a remark."""
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
     parser.add_argument(
@@ -107,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from calib.apply.angular_reach import undistortion_limit
-        from calib.apply.asked_depths import describe_depths, describe_unsupported
+        from calib.apply.asked_depths import describe_all
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
@@ -131,14 +127,11 @@ def run(args: argparse.Namespace) -> None:
             args, calibration, bars
         )
     print_paths(paths)
-    if remark:
-        print(remark, file=sys.stderr)
     if limit := undistortion_limit(calibration):
         print(limit, file=sys.stderr)
-    for remark in (
-        *describe_depths(calibration.ray_field(), filter(None, [args.depth])),
-        *describe_unsupported(calibration, filter(None, [args.depth])),
-    ):
+    for note in describe_all(calibration, filter(None, [args.depth])):
+        print(note, file=sys.stderr)
+    if remark:
         print(remark, file=sys.stderr)
     if cut_off:
         count = len(cut_off) - 1
@@ -180,12 +173,16 @@ def _straighten_files(
     )
     done = undistort_files(calibration, args.images, wanted, output, progress)
     remark = ""
-    if args.crop is None and args.depth is not None and done.black > NOTABLE:
+    if args.crop is None and args.depth is not None and done.black:
         remark = (
-            f"The camera does not see {100 * done.black:.0f} % of the straight picture, which are"
-            " black: --crop 0 shows only what it sees, larger."
+            f"{_percent(done.black)} of the straight picture is black, as the camera does not see"
+            " it: --crop 0 shows only what it sees, larger."
         )
     return Straightened(done.paths, done.cut_off, remark)
+
+
+def _percent(fraction: float) -> str:
+    return f"{100 * fraction:.0f} %" if fraction > 0.01 else "Less than 1 %"
 
 
 def _straighten_bag(

@@ -11,7 +11,10 @@ from calib.verdict.verdict import Trust, Verdict
 
 COLOURS = {Trust.TRUSTED: "green", Trust.CARE: "yellow", Trust.DO_NOT_USE: "red"}
 """The colour of each grade in a terminal."""
-HOLDOUT_NOTE = "HOLDOUT stands for a second session: pictures of this camera that you did not fit."
+HOLDOUT_NOTE = (
+    "HOLDOUT stands for a second session: pictures of this camera that you did not fit. Without"
+    " one, calib fit --folds 5 holds some of these out."
+)
 
 
 def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[str] = ()) -> None:
@@ -25,7 +28,7 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     for path in written:
         console.print(harmless(f"Wrote {path}"))
     console.print()
-    console.print(verdict.word.sentence, style=f"bold {COLOURS[verdict.word]}")
+    console.print(verdict.headline, style=f"bold {COLOURS[verdict.word]}")
     for reason in verdict.reasons:
         console.print(harmless(f"- {reason.sentence}"))
     for note in verdict.notes:

@@ -113,6 +113,19 @@ class Uncertainty:
     """The views that tell more than a tenth of what all tell, by file, with that part."""
     method: str = "views and board corners"
 
+    @property
+    def heavy_sentence(self) -> str:
+        """A sentence on the views that tell most; empty if there are none."""
+        shares = [f"{name} ({100 * share:.0f} %)" for name, share in self.heavy_views.items()]
+        if not shares:
+            return ""
+        pictures = "One picture carries" if len(shares) == 1 else f"{len(shares)} pictures carry"
+        places = "that place" if len(shares) == 1 else "those places"
+        return (
+            f"{pictures} much of the result: {', '.join(shares)}. Take more with the board in about"
+            f" {places}."
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class FitOutcome:

@@ -27,7 +27,7 @@ from calib.session.schema import UNKNOWN
 from calib.session.shapes.none import NONE as NO_COVER
 from calib.table import Table, TableSection
 
-COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "", "difference")
+COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "remark", "difference")
 """The headings. The fourth column says whether a number was not fitted, corrected,
 contradicted or hardly measured, the last one how far the calibrated number is from the
 declared one.
@@ -192,8 +192,6 @@ def _row(number: Comparison) -> tuple[str, ...]:
     is_compared = not number.held and not number.unknown
     difference = abs(number.estimate - number.declared) / number.tolerance if is_compared else None
     words = "" if difference is None else f"{difference:.1f} tolerances"
-    if words and number.sigma and number.corrected:
-        words += f", {abs(number.estimate - number.declared) / number.sigma:.1f} sigmas"
     estimated = number.estimated
     if number.held:  # with the digits of the declared one
         estimated = f"{number.estimate:.6g} {number.unit}".rstrip()

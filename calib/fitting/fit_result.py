@@ -127,15 +127,13 @@ def count_views(
     limits = _limits_by_priors(joint)
     limited = _at_most(wide, limits)
     # A limit takes from whatever depends on its number, perhaps more than that number's profile.
-    least = {name: min(variance, limits[name]) for name, variance in variances.items()}
-    return _at_most(_at_least(limited, least), limits), uncertainty
+    minima = {name: min(variance, limits[name]) for name, variance in variances.items()}
+    return _at_most(_at_least(limited, minima), limits), uncertainty
 
 
 def _limits_by_priors(joint: JointFit) -> Mapping[str, float]:
-    """Return by its name the largest variance of each declared number, over its scale squared.
-
-    If the prior holds, the mean square of an estimate's error is the variance of the prior and the
-    square of the distance from its mean, whatever the pictures say.
+    """Return by its name the largest variance of each declared number, over its scale squared: that
+    of the prior, or the square of the distance from its mean if this is larger.
     """
     sigmas = joint.parameters.priors.sigmas
     limits = {}
@@ -143,7 +141,7 @@ def _limits_by_priors(joint: JointFit) -> Mapping[str, float]:
         name = param.name
         if name in sigmas and not param.shape and (CAMERA.has(name) or NUMBER.match(name)):
             shift = float(joint.values[name] - joint.parameters.origin[name])
-            limits[name] = (float(sigmas[name]) ** 2 + shift**2) / param.scale**2
+            limits[name] = (max(float(sigmas[name]), abs(shift)) / param.scale) ** 2
     return limits
 
 

@@ -122,7 +122,7 @@ def _starts(cover: Cover) -> Iterator[dict[str, float]]:
 
 
 def _has_room(cover: Cover, start: Mapping[str, float]) -> bool:
-    """Return True if the camera is inside of the innermost cover at these values."""
+    """Return True if the camera is inside the innermost cover at these values."""
     check = find_shape(cover.shape).check_camera
     if not check:
         return True

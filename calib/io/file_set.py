@@ -73,7 +73,7 @@ class State(Enum):
 
 
 class FileSet:
-    """New files for one folder, which is locked inside of the `with` block. `commit` makes them the
+    """New files for one folder, which is locked inside the `with` block. `commit` makes them the
     current files. Without it, nothing changes, and a folder that was made for them is removed.
     """
 

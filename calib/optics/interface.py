@@ -371,7 +371,7 @@ class SmoothCover:
 def interfaces_of(*covers: SmoothCover) -> tuple[Interface, ...]:
     """Return the interfaces of covers one in front of the other, all from the camera outwards.
 
-    The first one stands in air. What is outside of one is inside of the next.
+    The first one stands in air. What is outside of one is inside the next.
     """
     surfaces = sum(cover.layers + 1 for cover in covers)
     interfaces: list[Interface] = []

@@ -54,7 +54,7 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection], script
     )
     notes = "".join(f"<p>Note: {escape(note)}</p>" for note in verdict.notes)
     header = f"""<p class="over">Refracal calibration report</p>
-<h1>{escape(verdict.word.sentence.removesuffix("."))}</h1>
+<h1>{escape(verdict.headline.removesuffix("."))}</h1>
 {tiles_html(summary.tiles)}
 {_reasons_html(verdict)}{notes}
 <ul class="lead">{lead}</ul>

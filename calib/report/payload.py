@@ -13,7 +13,7 @@ Data = Mapping[str, object]
 """Texts, numbers, lists and arrays that figures are drawn from."""
 
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&"}
-"""Letters that could end the page's data, as JSON writes them inside of a text."""
+"""Letters that could end the page's data, as JSON writes them inside a text."""
 
 
 def to_json(data: Data) -> str:

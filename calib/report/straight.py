@@ -25,6 +25,8 @@ MAX_BYTES = 40_000
 """The size of a picture in the page."""
 MAX_DRAWN_BEND = 0.035
 """The largest drawn bend, as a fraction of the image's width."""
+MIN_FACTOR = 4
+"""The smallest factor by which bends are enlarged."""
 SAMPLES = 41
 """Points of a drawn line."""
 MAX_READS = 5
@@ -191,6 +193,8 @@ def _html(evidence: Evidence, view: int, picture: np.ndarray | None) -> str:
     rms = float(np.sqrt((errors**2).sum(-1).mean()))
     largest = 0.95 * MAX_DRAWN_BEND * evidence.calibration.camera.width
     factor = max(1, int(float(f"{largest / max(bend, 1e-9):.0e}")))
+    if factor < MIN_FACTOR:  # such a bend is visible as it is, and the lines lie on the squares
+        factor = 1
     distorted_url = ""
     undistorted_url = ""
     if picture is not None:
@@ -211,7 +215,7 @@ def _html(evidence: Evidence, view: int, picture: np.ndarray | None) -> str:
         f"Undistorted: the corners of this view are {rms:.2g} px (RMS) off straight lines.",
     )
     scale = (
-        f" Bends are drawn {factor} times as large, so the orange lines do not lie on the squares."
+        f" Bends are enlarged {factor} times, so the orange lines do not lie on the squares."
         if factor > 1
         else ""
     )

@@ -47,6 +47,7 @@ def summarise(
     folder = folder and folder.resolve()
     verdict = judge(evidence.calibration, depths=depths, folder=folder)
     limit = undistortion_limit(evidence.calibration)
+    uncertainty = evidence.calibration.outcome.uncertainty
     is_said = any(OF_NOISE in reason.sentence for reason in verdict.reasons)
     sentences = (
         _found(evidence.calibration),
@@ -55,6 +56,7 @@ def summarise(
         "" if is_said else _fit(evidence, verdict),
         _overfitting(evidence.calibration),
         " ".join(filter(None, [_coverage(evidence), limit])),
+        uncertainty.heavy_sentence if uncertainty else "",
     )
     return Summary(tuple(filter(None, sentences)), verdict, report_tiles(evidence))
 
@@ -164,7 +166,7 @@ def _coverage(evidence: Evidence) -> str:
         for depth in evidence.depths
     )
     return (
-        f"The boards support maps for {describe_trusted(*evidence.reach)}. Their standard deviation"
-        f" is {at_corners} (median over the corners), and at most"
+        f"The boards support maps for {describe_trusted(*evidence.reach)}. Their sigma is"
+        f" {at_corners} (median over the corners), and at most"
         f" {evidence.worst_sigma(evidence.depths)}."
     )

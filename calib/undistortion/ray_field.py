@@ -184,12 +184,12 @@ class RayField:
         away. It is a pinhole's picture, which ends before 90 degrees from the axis.
         """
         far = self.undistort_pixels(pixels, np.inf)
-        within = ((far >= -0.5) & (far <= [self.width - 0.5, self.height - 0.5])).all(-1)
-        return np.asarray(within & self.sees(pixels[:, 0], pixels[:, 1], np.inf))
+        in_picture = ((far >= -0.5) & (far <= [self.width - 0.5, self.height - 0.5])).all(-1)
+        return np.asarray(in_picture & self.sees(pixels[:, 0], pixels[:, 1], np.inf))
 
     def hidden_fraction(self, depth: float) -> float:
         """Return the fraction of the picture, 0 to 1, whose rays leave the cover no nearer than a
-        depth in m: what is there would stand inside of the cover.
+        depth in m: what is there would stand inside the cover.
         """
         exit_depth = self._exit_depths()
         return float((exit_depth >= depth).mean()) if exit_depth.size else 0.0
@@ -216,7 +216,7 @@ class RayField:
         The default window is the picture of the bare pinhole camera.
 
         Raises:
-            InputError: the depth is inside of the cover.
+            InputError: the depth is inside the cover.
         """
         self.check_reach(depth)
         window = window or self.window

@@ -6,23 +6,28 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calib.calibration import Calibration
 from calib.session.board import Board
 from calib.session.coding import AprilGrid
-from calib.session.parameter_names import number_of
+from calib.session.cover import Cover
+from calib.session.parameter_names import THICKNESS, number_of
+from calib.session.shapes.flat import FLAT
 from calib.verdict.case import Case
 from calib.verdict.thresholds import (
     FAR_AWAY,
     INSIDE,
     LARGEST_BOARD,
     REACHED_GLASS,
+    SMALL_BOARD,
     SMALL_COVER,
     SMALL_RADIUS,
     SMALLEST_BOARD,
+    THIN_COVER,
     TINY,
     UNSURE_SQUARE,
 )
 from calib.verdict.verdict import Reason, Trust
+
+RADIUS = "inner_radius"
 
 
 def board_place(case: Case) -> Iterator[Reason]:
@@ -31,7 +36,7 @@ def board_place(case: Case) -> Iterator[Reason]:
         return
     to_glass = np.linalg.norm(case.rays.origin.stacked().numpy(), axis=-1)
     to_corner = np.linalg.norm(case.corners, axis=-1)
-    inside = float(np.mean(to_corner < to_glass))
+    share_inside = float(np.mean(to_corner < to_glass))
     glass, board = float(np.median(to_glass)), float(np.median(to_corner))
     key = _key(case.calibration.board)
     distances = (
@@ -39,13 +44,11 @@ def board_place(case: Case) -> Iterator[Reason]:
         f" at {glass:.3g} m"
     )
     if board < INSIDE * glass:
-        sentence = (
-            f"{distances}: the board would stand inside of the cover or touch it. Check {key}."
-        )
+        sentence = f"{distances}: the board would stand inside the cover or touch it. Check {key}."
         yield Reason(sentence, case.next.fit(), (key,), Trust.DO_NOT_USE)
-    elif inside > REACHED_GLASS:
+    elif share_inside > REACHED_GLASS:
         sentence = (
-            f"{100 * inside:.0f} % of the corners would be inside of the cover, where the board"
+            f"{100 * share_inside:.0f} % of the corners would be inside the cover, where the board"
             f" cannot have been: check {key} and the cover's size."
         )
         yield Reason(sentence, case.next.fit(), (key,), Trust.DO_NOT_USE)
@@ -67,7 +70,7 @@ def board_size(case: Case) -> Iterator[Reason]:
             f" check {key}, whose unit is the millimetre."
         )
         yield Reason(sentence, case.next.fit(), (key,))
-    radius = max(_declared_radii(case.calibration).values(), default=0.0)
+    radius = max(_declared_lengths(case.calibration.declared.cover, RADIUS).values(), default=0.0)
     if SMALLEST_BOARD <= width < radius:
         sentence = (
             f"the board would be {1e3 * width:.3g} mm wide, less than the cover's radius of"
@@ -75,6 +78,12 @@ def board_size(case: Case) -> Iterator[Reason]:
         )
         word = Trust.DO_NOT_USE if width < TINY * radius else Trust.CARE
         yield Reason(sentence, case.next.fit(), (key,), word)
+    elif not radius and SMALLEST_BOARD <= width < SMALL_BOARD and case.calibration.cover.covers:
+        sentence = (
+            f"the board would be {1e3 * width:.3g} mm wide: check {key}, whose unit is the"
+            " millimetre."
+        )
+        yield Reason(sentence, case.next.fit(), (key,))
     if board.square_sigma is not None and board.relative_sigma > UNSURE_SQUARE:
         sentence = (
             f"{key} is known to {100 * board.relative_sigma:.2g} % only"
@@ -86,22 +95,27 @@ def board_size(case: Case) -> Iterator[Reason]:
 
 
 def cover_size(case: Case) -> Iterator[Reason]:
-    """Check that a declared radius is in the right unit."""
-    for name, radius in _declared_radii(case.calibration).items():
-        if radius < SMALL_RADIUS:
-            sentence = (
-                f"{name} is declared as {1e3 * radius:.3g} mm, and hardly any cover is so small:"
-                " lengths are in millimetres, check it."
-            )
-            yield Reason(sentence, case.next.fit(), (name,))
+    """Check that declared radii and thicknesses are in the right unit."""
+    cover = case.calibration.declared.cover
+    kinds = [(RADIUS, SMALL_RADIUS, "small")]
+    if cover.shape != FLAT.name and len(_declared_lengths(cover, THICKNESS)) == 1:
+        kinds.append((THICKNESS, THIN_COVER, "thin"))
+    for kind, minimum, adjective in kinds:
+        for name, metres in _declared_lengths(cover, kind).items():
+            if metres < minimum:
+                sentence = (
+                    f"{name} is declared as {1e3 * metres:.3g} mm, and hardly any cover is so"
+                    f" {adjective}: lengths are in millimetres, check it."
+                )
+                yield Reason(sentence, case.next.fit(), (name,))
 
 
-def _declared_radii(calibration: Calibration) -> dict[str, float]:
-    """Return the declared inner radii in m by their names."""
+def _declared_lengths(cover: Cover, kind: str) -> dict[str, float]:
+    """Return the declared lengths of a kind in m by their names."""
     return {
         name: number.value
-        for name, number in calibration.declared.cover.numbers.items()
-        if number_of(name) == "inner_radius" and not number.unknown
+        for name, number in cover.numbers.items()
+        if number_of(name) == kind and not number.unknown
     }
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +38,7 @@ from calib.verdict.scatter import scatter
 from calib.verdict.square_pixels import square_pixels
 from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, uncertain_maps
 from calib.verdict.unevenness import unevenness
-from calib.verdict.unknown_numbers import USABLE, unknown_numbers, unknown_shape
+from calib.verdict.unknown_numbers import unknown_numbers, unknown_shape
 from calib.verdict.unseen_row import extra_rows, unseen_row
 from calib.verdict.verdict import Reason, Verdict
 
@@ -146,7 +145,5 @@ def _reasons(case: Case) -> tuple[Reason, ...]:
                 " again with REFRACAL_TRACEBACK=1 and report what it prints."
             )
             bugs.setdefault(bug, Reason(sentence, case.next.report()))
-    if len(reasons) > 1:
-        reasons = [replace(r, sentence=r.sentence.replace(USABLE, "")) for r in reasons]
     reasons.sort(key=lambda reason: -reason.word.gravity)
     return (*reasons, *bugs.values())

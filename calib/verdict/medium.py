@@ -44,7 +44,8 @@ def medium(case: Case) -> Iterator[Reason]:
             f" {error:.3f} px; with its outside_index of {index:g} it is {cover:.3f} px. So the"
             f" board was in {name}."
         )
-        yield Reason(sentence, case.next.fit(), (declared.cover.medium_name,))
+        command = case.next.fit("--outside-index", f"{MEDIA[name]:g}")
+        yield Reason(sentence, command, (declared.cover.medium_name,))
 
 
 def undecided_medium(case: Case) -> Iterator[str]:
@@ -79,7 +80,8 @@ def _more_probable(case: Case, stated: float) -> Iterator[Reason]:
         " another shape or size than declared: try --cover unknown."
     )
     suspects = (case.calibration.declared.cover.medium_name,)
-    yield Reason(sentence, case.next.fit(), suspects, Trust.DO_NOT_USE)
+    command = case.next.fit("--outside-index", f"{MEDIA[name]:g}")
+    yield Reason(sentence, command, suspects, Trust.DO_NOT_USE)
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

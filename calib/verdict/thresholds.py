@@ -10,6 +10,8 @@ SMALLEST_BOARD = 1e-3
 """m, the width of a board: the smallest targets of microscopes have as much."""
 LARGEST_BOARD = 10.0
 """m: no board is as wide, so its size is in another unit than declared."""
+SMALL_BOARD = 0.04
+"""m: the width of a board below which its unit is doubted: boards of centimetres are wider."""
 TINY = 0.5
 """Width of a board over the radius of its cover, below which its unit is wrong: a board of a few
 centimetres before a dome is smaller than the dome, but not by half.
@@ -166,7 +168,7 @@ INSIDE = 1.2
 touch the cover when it is tilted.
 """
 REACHED_GLASS = 0.01
-"""The fraction of the corners that may seem to be inside of the cover: a board may touch
+"""The fraction of the corners that may seem to be inside the cover: a board may touch
 it, and the estimate may be a little off.
 """
 FAR_AWAY = 1000.0
@@ -177,6 +179,8 @@ SMALL_RADIUS = 0.01
 """m: covers are made for cameras, of which few fit behind 10 mm. Centimetres that are written for
 millimetres make 2.5 to 10 mm of domes and tubes of 25 to 100.
 """
+THIN_COVER = 0.0005
+"""m: the thinnest glass of a cover that is not flat, which may be a film."""
 SMALL_COVER = 0.02
 """m: the distance of a cover that FAR_AWAY counts with at least; a window right before the lens
 says nothing of boards.

@@ -1,16 +1,14 @@
 """Checks: unknown numbers that these views do not determine, or that end far off."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from calib.fitting.declared import comparisons
+from calib.fitting.declared import Comparison, comparisons
 from calib.session.parameter_names import CAMERA
+from calib.session.shapes.layer import AIR, medium_word
 from calib.session.shapes.registry import find_shape
 from calib.verdict.case import Case
 from calib.verdict.uncertainty import map_sigmas
 from calib.verdict.verdict import Reason
-
-USABLE = " You can use the maps: their sigma includes that."
-"""What is true where this is the only reason."""
 
 
 def unknown_shape(case: Case) -> Iterator[Reason]:
@@ -72,9 +70,23 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
         "take pictures of the board at the picture's edges, near and tilted, or without the cover,"
         " in bare/"
         if is_lens
+        else "measure it: in air, more pictures hardly show it"
+        if _is_centre_in_air(case, numbers)
         else "measure it, or take pictures of the board near and tilted"
     )
-    sentence = f"your pictures do not determine {listed}.{USABLE} If you need the number, {advice}."
+    sentence = (
+        f"your pictures do not determine {listed}, and the sigma of the maps includes that. If you"
+        f" need the number itself, {advice}."
+    )
     uses = case.next.uses(case.usual_depths[0], mapped=bool(case.depths))
     command = next(iter(uses), case.next.capture())  # the maps are as good as they say
-    yield Reason(sentence, command, tuple(number.name for number in numbers))
+    yield Reason(sentence, command, tuple(number.name for number in numbers), maps_hold=True)
+
+
+def _is_centre_in_air(case: Case, numbers: Sequence[Comparison]) -> bool:
+    """Return True if all of these numbers are those of the centre of a dome in air. Its wall bends
+    a ray by so little that they act like a turn of the camera.
+    """
+    medium = case.calibration.declared.cover.medium
+    in_air = medium is not None and medium_word(medium.value) == AIR
+    return in_air and all(".centre." in number.name for number in numbers)

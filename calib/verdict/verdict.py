@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from enum import Enum
 from html import escape
 
+MAPS_HOLD = "You can use the maps. Take care with the numbers."
+
 
 class Trust(Enum):
     """Grades of trust, from good to bad."""
@@ -45,6 +47,8 @@ class Reason:
     suspects: tuple[str, ...] = ()
     """Suspected numbers, by the names of `calib.fitting.declared`, or effects."""
     word: Trust = Trust.CARE
+    maps_hold: bool = False
+    """True if the maps hold all the same: their sigma includes it."""
 
     @property
     def capitalised(self) -> str:
@@ -72,6 +76,13 @@ class Verdict:
     def word(self) -> Trust:
         """The worst grade of the reasons."""
         return self._gravest.word if self._gravest else Trust.TRUSTED
+
+    @property
+    def headline(self) -> str:
+        """The sentence of the grade; another one if the maps hold all the same."""
+        if self.reasons and all(reason.maps_hold for reason in self.reasons):
+            return MAPS_HOLD
+        return self.word.sentence
 
     @property
     def suspects(self) -> tuple[str, ...]:
@@ -107,7 +118,7 @@ class Verdict:
     @property
     def sentences(self) -> list[str]:
         """The grade and the reasons, without commands."""
-        return [self.word.sentence, *(reason.capitalised for reason in self.reasons)]
+        return [self.headline, *(reason.capitalised for reason in self.reasons)]
 
     def __str__(self) -> str:
         return " ".join(self.sentences)
@@ -117,6 +128,6 @@ class Verdict:
         reasons = "".join(f"<li>{escape(sentence)}</li>" for sentence in self.sentences[1:])
         notes = "".join(f"<p>Note: {escape(note)}</p>" for note in self.notes)
         return (
-            f"<p><b>{escape(self.word.sentence)}</b></p><ul>{reasons}</ul>{notes}"
+            f"<p><b>{escape(self.headline)}</b></p><ul>{reasons}</ul>{notes}"
             f"<p>{self.next_label}: <code>{escape(self.next)}</code></p>"
         )

@@ -146,7 +146,7 @@ def test_a_fit_finds_where_they_stand(calibration: Calibration) -> None:
 
 
 def test_a_failure_names_its_surface(calibration: Calibration) -> None:
-    """A window that stands inside of the dome is missed from outside."""
+    """A window that stands inside the dome is missed from outside."""
     moved = calibration.cover.replace_numbers({"cover2.distance": Number(0.02)})
     path, values = replace(calibration, cover=moved).model()
     rays = path.trace(torch.tensor([[830.0, 620.0]], dtype=torch.float64), values, MIDDLE)

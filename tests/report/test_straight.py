@@ -82,7 +82,7 @@ def test_the_drawn_bend_is_the_real_one_times_the_stated_factor(
     small_calibration: Calibration,
 ) -> None:
     html = straight_html(gather_evidence(small_calibration), None)
-    match = re.search(r"bend by up to ([\d.]+) px.*drawn (\d+) times as large", html)
+    match = re.search(r"bend by up to ([\d.]+) px.*enlarged (\d+) times", html)
     assert match
     bend, factor = float(match[1]), int(match[2])
     (bent, _), (straight, _) = paths(html, "bent"), paths(html, "straight")

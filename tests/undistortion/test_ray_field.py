@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from calib.apply.asked_depths import ReachedDepths, describe_depths, describe_unsupported
+from calib.apply.asked_depths import ReachedDepths, describe_all, describe_depths
 from calib.errors import InputError
 from calib.optics.build import pinhole_path
 from calib.optics.exposure import MIDDLE
@@ -198,10 +198,10 @@ def test_a_map_is_valid_exactly_where_the_camera_sees(k1: float) -> None:
     inverse = invert(field.forward(1.0), field.window)
     assert not inverse.cells.all()
     pixels = np.stack(np.meshgrid(np.arange(640.0), np.arange(480.0)), -1).reshape(-1, 2)
-    distorted, seen = field.distort_pixels(pixels, 1.0)
-    assert np.count_nonzero(made.valid != seen.reshape(480, 640)) <= 2, "but for rounding"
-    both = seen & made.valid.ravel()
-    error = np.column_stack([made.x.ravel(), made.y.ravel()])[both] - distorted[both]
+    distorted, visible = field.distort_pixels(pixels, 1.0)
+    assert np.count_nonzero(made.valid != visible.reshape(480, 640)) <= 2, "but for rounding"
+    shared = visible & made.valid.ravel()
+    error = np.column_stack([made.x.ravel(), made.y.ravel()])[shared] - distorted[shared]
     assert np.abs(error).max() < 0.01
 
 
@@ -213,20 +213,22 @@ def test_the_border_of_what_a_lens_sees_is_smooth() -> None:
     angles = np.linspace(0, 2 * np.pi, 721)[:, None]
     radii = np.arange(120, 225, 0.05)
     cx, cy = 342.0, 231.0
-    seen = field.sees(cx + radii * np.cos(angles), cy + radii * np.sin(angles), 1.0)
-    assert seen[:, 0].all()
-    assert not seen[:, -1].any()
-    border = radii[np.argmin(seen, 1)]
+    visible = field.sees(cx + radii * np.cos(angles), cy + radii * np.sin(angles), 1.0)
+    assert visible[:, 0].all()
+    assert not visible[:, -1].any()
+    border = radii[np.argmin(visible, 1)]
     step = np.abs(np.diff(border)).max()
     assert step < 0.5
 
 
 def test_a_depth_that_the_boards_do_not_support_gets_a_sentence(made: Scene) -> None:
     calibration = known(made, WIDTH, HEIGHT)
-    assert not list(describe_unsupported(calibration, [9.0])), "no corner is known"
-    seen = replace(calibration, corners_at=np.array([[10.0, 10.0, 0.5], [90.0, 90.0, 0.8]]))
-    assert not list(describe_unsupported(seen, [0.45, 1.0]))
-    (sentence,) = describe_unsupported(seen, [0.3, 0.5, 9.0])
+    assert not list(describe_all(calibration, [9.0, 60.0])), "no corner is known"
+    visible = replace(calibration, corners_at=np.array([[10.0, 10.0, 0.5], [90.0, 90.0, 0.8]]))
+    assert not list(describe_all(visible, [0.45, 1.0]))
+    (sentence,) = describe_all(visible, [0.3, 0.5, 9.0])
+    (remark, _) = describe_all(visible, [60.0])
+    assert remark == "60 is taken as metres: write 0.6 for 60 cm, and inf for far away."
     assert sentence.startswith("Take care at 0.3 m, 9 m: the boards were 0.5 to 0.8 m away")
 
 

@@ -22,6 +22,7 @@ from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import AprilGrid, Charuco, Coding
 from calib.session.freeing import AUTO
+from calib.session.parameter_names import COVER
 from calib.session.schema import Number
 from calib.verdict import judge
 from calib.verdict.board_place import board_place, board_size, cover_size
@@ -39,9 +40,8 @@ from calib.verdict.residual import residual
 from calib.verdict.thresholds import BEYOND_NOISE, NO_BETTER, TAKEN_UP, WORSE_THAN_BARE
 from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, uncertain_maps
 from calib.verdict.unevenness import unevenness
-from calib.verdict.unknown_numbers import USABLE
 from calib.verdict.unseen_row import extra_rows, unseen_row
-from calib.verdict.verdict import Reason, Trust
+from calib.verdict.verdict import MAPS_HOLD, Reason, Trust
 from fixtures.calibrated import with_outcome
 from fixtures.synthetic import paper_cone, scene
 from tests.fitting.test_inputs import spoiled
@@ -85,16 +85,18 @@ def test_the_maps_may_be_used_only_where_nothing_else_is_wrong(
     good: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def open_number(_: Case) -> list[Reason]:
-        return [Reason(f"the radius is open.{USABLE} Measure it.", "calib report x")]
+        return [Reason("the radius is open.", "calib report x", maps_hold=True)]
 
     def wrong(_: Case) -> list[Reason]:
         return [Reason("the board is wrong.", "calib report x", word=Trust.DO_NOT_USE)]
 
     monkeypatch.setattr(judge, "CHECKS", (open_number,))
-    assert judge.judge(good).reasons[0].sentence == f"the radius is open.{USABLE} Measure it."
+    verdict = judge.judge(good)
+    assert verdict.word is Trust.CARE
+    assert verdict.sentences == [MAPS_HOLD, "The radius is open."]
     monkeypatch.setattr(judge, "CHECKS", (open_number, wrong))
-    sentences = [reason.sentence for reason in judge.judge(good).reasons]
-    assert sentences == ["the board is wrong.", "the radius is open. Measure it."]
+    sentences = ["Do not use it.", "The board is wrong.", "The radius is open."]
+    assert judge.judge(good).sentences == sentences
 
 
 def ended_with(calibration: Calibration, outcome: Outcome) -> Calibration:
@@ -471,7 +473,7 @@ def test_a_board_inside_of_the_cover(good: Calibration) -> None:
     poses = good.poses.copy()
     poses[:, 3:] *= 0.005 / poses[:, 5:]
     (reason,) = asked(board_place, replace(good, poses=poses))
-    assert "of the corners would be inside of the cover" in reason.sentence
+    assert "of the corners would be inside the cover" in reason.sentence
     assert reason.word is Trust.DO_NOT_USE
 
 
@@ -542,15 +544,20 @@ def calibrated_from(session: Path) -> Calibration:
     return fit(read_session(session), FAST)
 
 
-def test_a_radius_in_centimetres_is_a_reason(good: Calibration) -> None:
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("inner_radius", 0.0042, "declared as 4.2 mm, and hardly any cover is so small"),
+        ("inner_radius", 0.0105, ""),
+        ("thickness", 0.0004, "declared as 0.4 mm, and hardly any cover is so thin"),
+        ("thickness", 0.0006, ""),
+    ],
+)
+def test_a_length_in_centimetres_is_a_reason(
+    good: Calibration, name: str, value: float, says: str
+) -> None:
     assert not asked(cover_size, good)
-    radius = good.declared.cover.parameters["inner_radius"]
-    for value, expected in ((0.0042, 1), (0.0105, 0)):
-        parameters = {
-            **good.declared.cover.parameters,
-            "inner_radius": replace(radius, value=value),
-        }
-        stated = replace(good.declared, cover=replace(good.declared.cover, parameters=parameters))
-        reasons = asked(cover_size, replace(good, stated=stated))
-        assert len(reasons) == expected
-        assert all("declared as 4.2 mm" in reason.sentence for reason in reasons)
+    cover = good.declared.cover.replace_numbers({COVER.of(name): Number(value)})
+    reasons = asked(cover_size, replace(good, stated=replace(good.declared, cover=cover)))
+    assert len(reasons) == bool(says)
+    assert all(says in reason.sentence for reason in reasons)
