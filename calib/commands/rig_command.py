@@ -22,9 +22,17 @@ EXAMPLES = (
     "calib rig fit pair -o pair/calibration",
     "calib rig diagnose pair/calibration",
 )
-QUIET = (
-    "print no progress and no remarks; calib rig fit and calib rig diagnose print files and verdict"
-)
+ACTION_EXAMPLES = {
+    "fit": "calib rig fit pair -o pair/calibration",
+    "evaluate": "calib rig evaluate pair/calibration holdout",
+    "check": "calib rig check pair/calibration today",
+    "diagnose": "calib rig diagnose pair/calibration",
+    "rectify": "calib rig rectify pair/calibration --depth 0.8 -o pair/maps",
+    "depth": "calib rig depth pair/calibration left.png right.png --depths 0.4 3 -o depth",
+    "export": "calib rig export pair/calibration --format ros --depth 0.8 -o ros",
+}
+QUIET = "print no progress and no remarks"
+QUIET_WITH_VERDICT = "print the files and the verdict: no progress and no remarks"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,16 +124,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     for action in (fit, evaluate, check, diagnose, rectify, depth_action, export):
         action.add_argument("--json", action="store_true", help="print one JSON object")
+        words = QUIET_WITH_VERDICT if action in (fit, diagnose) else QUIET
         # The command's own --quiet stands before ACTION.
         action.add_argument(
-            "-q", "--quiet", action="store_true", default=argparse.SUPPRESS, help=QUIET
+            "-q", "--quiet", action="store_true", default=argparse.SUPPRESS, help=words
         )
 
 
 def _add_action(
     actions: "argparse._SubParsersAction[argparse.ArgumentParser]", name: str, summary: str
 ) -> argparse.ArgumentParser:
-    return actions.add_parser(name, help=summary, description=summary, formatter_class=Help)
+    example = f"{summary}\n\nExample:\n  {ACTION_EXAMPLES[name]}"
+    return actions.add_parser(name, help=summary, description=example, formatter_class=Help)
 
 
 def _add_rig(parser: argparse.ArgumentParser, help_text: str) -> None:

@@ -149,6 +149,13 @@ class Case:
         )
 
     @property
+    def main_depth(self) -> float:
+        """The depth in m of the commands that use the calibration: the first that was asked for,
+        now or by the fit.
+        """
+        return next(iter(self.next.depths), self.usual_depths[0])
+
+    @property
     def usual_depths(self) -> tuple[float, ...]:
         """The depths of the requested maps in m, or else the median distance of the corners."""
         return self.depths or (float(f"{np.median(self.distance):.2g}"),)

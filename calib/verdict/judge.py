@@ -114,11 +114,8 @@ def judge(
                 commands.undistort(float(f"{np.median(calibration.corners_at[:, 2]):.2g}")),
             )
         reasons = _reasons(case)
-        command = calibration.request.command
-        fitted_depths = command.depths if command else ()
-        depth = next(iter((*commands.depths, *fitted_depths)), case.usual_depths[0])
         proof = (commands.evaluate(), *([commands.diagnose()] if commands.diagnosable else []))
-        uses = commands.uses(depth, mapped=bool(case.depths))
+        uses = commands.uses(case.main_depth, mapped=bool(case.depths))
         diagnosis = calibration.history.diagnosis
         families = [family.note for family in diagnosis.families] if diagnosis else []
         notes = (*families, *undecided_medium(case))
