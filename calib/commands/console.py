@@ -177,8 +177,8 @@ def _unseen_cover(calibration: Calibration) -> Iterator[str]:
         return
     if stages[-1].rms_px > NO_BETTER * stages[0].rms_px:
         yield (
-            "The camera alone leaves the same error: these pictures hardly show the cover, and"
-            " hardly improve what you said of it."
+            "The camera alone leaves the same error: at the distances of these boards, the lens"
+            " makes up for the cover. These pictures hardly improve what you said of it."
         )
 
 
