@@ -135,15 +135,15 @@ def _maps(calibration: Calibration) -> Iterator[str]:
     try:
         command = calibration.request.command
         requested = command.depths if command else ()
-        sigmas = map_sigmas(calibration, (*requested, *reached_depths(calibration)))
+        sigmas = map_sigmas(calibration, sorted({*requested, *reached_depths(calibration)}))
     except InputError:  # corners lie behind the camera: the verdict says so
         return
     if sigmas:
         listed = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in sigmas.items())
         near, far = distance_range(corners_at(calibration)[:, 2])
         yield (
-            f"Sigma of the maps where the board was: {listed}. The boards support maps for"
-            f" {describe_trusted(near, far)}."
+            f"Expected error of the maps (sigma), where the board was: {listed}. The boards"
+            f" support maps for {describe_trusted(near, far)}."
         )
 
 
@@ -178,7 +178,8 @@ def _unseen_cover(calibration: Calibration) -> Iterator[str]:
     if stages[-1].rms_px > NO_BETTER * stages[0].rms_px:
         yield (
             "The camera alone leaves the same error: at the distances of these boards, the lens"
-            " makes up for the cover. These pictures hardly improve what you said of it."
+            " makes up for the cover, and straight pictures need no more. So these pictures say"
+            " little about the cover itself."
         )
 
 

@@ -175,8 +175,8 @@ def _straighten_files(
     remark = ""
     if args.crop is None and args.depth is not None and done.black:
         remark = (
-            f"{_percent(done.black)} of the straight picture is black, as the camera does not see"
-            " it: --crop 0 shows only what it sees, larger."
+            f"{_percent(done.black)} of the straight picture is black: the camera does not see it."
+            " --crop 0 cuts it off, and enlarges the rest."
         )
     return Straightened(done.paths, done.cut_off, remark)
 

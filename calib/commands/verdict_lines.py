@@ -12,8 +12,8 @@ from calib.verdict.verdict import Trust, Verdict
 COLOURS = {Trust.TRUSTED: "green", Trust.CARE: "yellow", Trust.DO_NOT_USE: "red"}
 """The colour of each grade in a terminal."""
 HOLDOUT_NOTE = (
-    "HOLDOUT stands for a second session: pictures of this camera that you did not fit. Without"
-    " one, calib fit --folds 5 holds some of these out."
+    "HOLDOUT is a folder of other pictures of this camera. If you have none, calib fit --folds 5"
+    " sets some of these aside as a test."
 )
 
 

@@ -119,11 +119,9 @@ class Uncertainty:
         shares = [f"{name} ({100 * share:.0f} %)" for name, share in self.heavy_views.items()]
         if not shares:
             return ""
-        pictures = "One picture carries" if len(shares) == 1 else f"{len(shares)} pictures carry"
-        places = "that place" if len(shares) == 1 else "those places"
         return (
-            f"{pictures} much of the result: {', '.join(shares)}. Take more with the board in about"
-            f" {places}."
+            f"The result leans on {', '.join(shares)}: more pictures with the board there would"
+            " make it safer."
         )
 
 

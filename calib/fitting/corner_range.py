@@ -19,16 +19,57 @@ ends, 1.8 times what it is at the ends.
 """
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 def covered_fraction(calibration: Calibration, pixels: Array) -> float:
     """Return the fraction of the picture's cells that have corners, 0 to 1.
 
-    A cell without corners counts only if its middle sees forward. The border of a wide lens's
-    picture is unknown, and no undistorted picture holds what lies beside the camera.
+    Args:
+        pixels: (N, 2) px, the corners.
+    """
+    has_corners, counted = _cells(calibration, pixels)
+    return float(has_corners.sum() / counted.sum())
+
+
+def emptiest_region(calibration: Calibration, pixels: Array) -> str:
+    """Return the part of the picture with the most cells without corners, in words; empty if at
+    least half of its cells have some.
 
     Args:
         pixels: (N, 2) px, the corners.
+    """
+    has_corners, counted = _cells(calibration, pixels)
+    thirds = [np.array_split(np.arange(count), 3) for count in CELLS]
+    empty = {
+        (column, row): float((~has_corners & counted)[np.ix_(xs, ys)].sum() / len(xs) / len(ys))
+        for column, xs in enumerate(thirds[0])
+        for row, ys in enumerate(thirds[1])
+    }
+    column, row = max(empty, key=empty.__getitem__)
+    return picture_region((column + 0.5) / 3, (row + 0.5) / 3) if empty[column, row] > 0.5 else ""
+
+
+def picture_region(x: float, y: float) -> str:
+    """Return words for a place in the picture, whose coordinates are 0 to 1."""
+    rows, columns = ("top", "", "bottom"), ("left", "", "right")
+    row, column = rows[_third(y)], columns[_third(x)]
+    if not (row or column):
+        return "in the middle"
+    if not (row and column):
+        return f"at the {row}" if row else f"at the {column} edge"
+    return f"at the {row} {column}"
+
+
+def _third(fraction: float) -> int:
+    return min(max(int(3 * fraction), 0), 2)
+
+
+def _cells(calibration: Calibration, pixels: Array) -> tuple[Mask, Mask]:
+    """Return two arrays of CELLS: true where a cell has corners, and where it counts.
+
+    A cell without corners counts only if its middle sees forward. The border of a wide lens's
+    picture is unknown, and no undistorted picture holds what lies beside the camera.
     """
     sizes = np.array([calibration.camera.width, calibration.camera.height])
     cell = ((pixels + 0.5) / sizes * CELLS).astype(np.int64)
@@ -41,7 +82,7 @@ def covered_fraction(calibration: Calibration, pixels: Array) -> float:
         centres = np.stack(np.meshgrid(*map(np.arange, CELLS), indexing="ij"), -1) + 0.5
         middles = torch.from_numpy(centres * sizes / CELLS - 0.5)
         forward = path.trace(middles, values, MIDDLE).in_pinhole.numpy()
-    return float(has_corners.sum() / (has_corners | forward).sum())
+    return has_corners, has_corners | forward
 
 
 def corner_points(calibration: Calibration) -> Array:

@@ -11,7 +11,12 @@ from calib.calibration import Calibration, CalibrationSource
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.effects.description import number_legend
-from calib.fitting.corner_range import corners_at, covered_fraction, distance_range
+from calib.fitting.corner_range import (
+    corners_at,
+    covered_fraction,
+    distance_range,
+    emptiest_region,
+)
 from calib.fitting.declared import (
     DECLARED,
     VIEWS,
@@ -259,7 +264,9 @@ def _range_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
     if not len(corners):
         return
     covered = covered_fraction(calibration, corners[:, :2])
-    yield "coverage", f"{100 * covered:.0f} % of the picture", "", "", ""
+    region = emptiest_region(calibration, corners[:, :2])
+    words = f", least {region}" if region else ""
+    yield "coverage", f"{100 * covered:.0f} % of the picture{words}", "", "", ""
     name = "distance" if calibration.model()[0].lens.wide else "depth"
     distance = corners[:, 2]
     if np.isfinite(distance).any():

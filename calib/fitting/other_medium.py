@@ -52,11 +52,11 @@ def medium_log_odds(
     sample = views[:: -(-len(views) // COMPARED_VIEWS)]
     even_glass = replace(settings, grid=EVEN_GRID)
     rival = with_initial_values(rival, sample, progress)
-    rival_fit = fit_or_none(rival, sample, even_glass, progress, f"as in {rival_name}")
-    fit = fit_or_none(nominal, sample, even_glass, progress, f"as in {stated}")
+    rival_fit = fit_or_none(rival, sample, even_glass, progress, f"if in {rival_name}")
+    fit = fit_or_none(nominal, sample, even_glass, progress, f"if in {stated}")
     log_odds = _log_marginal(rival_fit) - _log_marginal(fit) if rival_fit and fit else 0.0
     if log_odds > LIKELY:
-        rival_fit = fit_or_none(rival, views, settings, progress, f"as in {rival_name}")
+        rival_fit = fit_or_none(rival, views, settings, progress, f"if in {rival_name}")
         if rival_fit and _explains(rival_fit, views, nominal):
             log_odds = min(log_odds, _log_marginal(rival_fit) - fitted.joint.log_marginal)
         else:

@@ -15,7 +15,12 @@ from calib.calibration import Calibration
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.poses import pinhole_poses
 from calib.estimation.residuals import Residuals, residuals
-from calib.fitting.corner_range import CELLS, covered_fraction, distance_range
+from calib.fitting.corner_range import (
+    CELLS,
+    covered_fraction,
+    distance_range,
+    picture_region,
+)
 from calib.optics.build import pinhole_path
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -160,21 +165,6 @@ class Evidence:
             return np.zeros(0)
         sigma = self.sigma.at(self.pixels[:, :1], self.pixels[:, 1:], depth)[:, 0]
         return sigma[np.isfinite(sigma) & self.shows(self.pixels)].astype(np.float64)
-
-
-def picture_region(x: float, y: float) -> str:
-    """Return words for a place in the picture, whose coordinates are 0 to 1."""
-    rows, columns = ("top", "", "bottom"), ("left", "", "right")
-    row, column = rows[_third(y)], columns[_third(x)]
-    if not (row or column):
-        return "in the middle"
-    if not (row and column):
-        return f"at the {row}" if row else f"at the {column} edge"
-    return f"at the {row} {column}"
-
-
-def _third(fraction: float) -> int:
-    return min(max(int(3 * fraction), 0), 2)
 
 
 def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) -> Evidence:

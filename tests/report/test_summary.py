@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from calib.diagnosis.requested_effects import with_requested
 from calib.fit_record.outcome import CrossValidation
 from calib.fit_record.request import Settings
+from calib.fitting.corner_range import picture_region
 from calib.fitting.fit import fit
 from calib.progress import Silent
-from calib.report.evidence import gather_evidence, picture_region
+from calib.report.evidence import gather_evidence
 from calib.report.patterns import (
     CHANCE,
     PATTERN_PROBABILITY,
