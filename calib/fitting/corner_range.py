@@ -11,6 +11,8 @@ from calib.optics.exposure import MIDDLE
 
 CELLS = (16, 12)
 """Columns and rows of the cells of the picture in which corners are counted."""
+MANY_EMPTY = 1 / 3
+"""The fraction of a part's cells without corners, above which the part is named."""
 DEPTH_MARGIN = 0.5
 """The margin on both sides of the corners' inverse depths, relative to their span. A pixel's ray is
 the same at every depth, so its undistorted place is a straight line over inverse depth; the
@@ -33,8 +35,8 @@ def covered_fraction(calibration: Calibration, pixels: Array) -> float:
 
 
 def emptiest_region(calibration: Calibration, pixels: Array) -> str:
-    """Return the part of the picture with the most cells without corners, in words; empty if at
-    least half of its cells have some.
+    """Return the part of the picture with the most cells without corners, in words; an empty text
+    if no part has many.
 
     Args:
         pixels: (N, 2) px, the corners.
@@ -47,7 +49,7 @@ def emptiest_region(calibration: Calibration, pixels: Array) -> str:
         for row, ys in enumerate(thirds[1])
     }
     column, row = max(empty, key=empty.__getitem__)
-    return picture_region((column + 0.5) / 3, (row + 0.5) / 3) if empty[column, row] > 0.5 else ""
+    return picture_region((column + 0.5) / 3, (row + 0.5) / 3) if empty[column, row] > MANY_EMPTY else ""
 
 
 def picture_region(x: float, y: float) -> str:

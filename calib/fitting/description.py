@@ -264,9 +264,9 @@ def _range_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
     if not len(corners):
         return
     covered = covered_fraction(calibration, corners[:, :2])
-    region = emptiest_region(calibration, corners[:, :2])
-    words = f", least {region}" if region else ""
-    yield "coverage", f"{100 * covered:.0f} % of the picture{words}", "", "", ""
+    yield "coverage", f"{100 * covered:.0f} % of the picture", "", "", ""
+    if region := emptiest_region(calibration, corners[:, :2]):
+        yield "least covered", region, "", "", ""
     name = "distance" if calibration.model()[0].lens.wide else "depth"
     distance = corners[:, 2]
     if np.isfinite(distance).any():
