@@ -49,7 +49,9 @@ def emptiest_region(calibration: Calibration, pixels: Array) -> str:
         for row, ys in enumerate(thirds[1])
     }
     column, row = max(empty, key=empty.__getitem__)
-    return picture_region((column + 0.5) / 3, (row + 0.5) / 3) if empty[column, row] > MANY_EMPTY else ""
+    if empty[column, row] <= MANY_EMPTY:
+        return ""
+    return picture_region((column + 0.5) / 3, (row + 0.5) / 3)
 
 
 def picture_region(x: float, y: float) -> str:
