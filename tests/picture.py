@@ -27,7 +27,7 @@ from calib.cli import main as calib
 from fixtures.wall import bend_of_joint
 from tests.capture.tui.driving import running, see, shown, until
 from tests.capture.tui.recording import Cells, draw
-from tests.opencv_error import opencv_error
+from tests.opencv_error import NEAR, demo_error_nearby, opencv_error, opencv_error_nearby
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -48,7 +48,9 @@ PLAYED_S = 0.25
 """s between two pictures of the camera on the screen."""
 PLAYED = 480
 INK, FAINT = "#1e293b", "#64748b"
-COLOURS_OF_BARS = ("#b0543a", "#c9a24b", "#64748b", "#3f7d58")
+COLOURS_OF_BARS = ("#b0543a", "#64748b", "#3f7d58")
+HEADING = 0.7
+"""The space for the heading of the nearer boards, in bars."""
 COEFFICIENTS = 14
 """Coefficients of the lens of OpenCV that is compared: all that it has."""
 
@@ -62,8 +64,13 @@ def main() -> None:
         before, after = demo / "wall.jpg", demo / "straight" / "wall.jpg"
         errors = [(TITLES[stage["name"]], stage["rms_px"]) for stage in result["stages"]]
         calibration = Calibration.load(demo / "calibration")
-        opencv = opencv_error(calibration, COEFFICIENTS)
-        errors.insert(-1, (f"OpenCV, fitted without a cover, {COEFFICIENTS} coefficients", opencv))
+        errors = [errors[0], errors[-1]]
+        opencv = f"OpenCV, without a cover, {COEFFICIENTS} coefficients"
+        errors.insert(1, (opencv, opencv_error(calibration, COEFFICIENTS)))
+        nearby = [
+            (opencv, opencv_error_nearby(calibration, COEFFICIENTS)),
+            (errors[-1][0], demo_error_nearby(calibration)),
+        ]
         bends = bend_of_joint(before), bend_of_joint(after)
         shutil.copy(after, TUTORIAL / "straight.jpg")
         pictures = [cv2.imread(str(path))[..., ::-1] for path in (before, after)]  # type: ignore[index]
@@ -80,12 +87,12 @@ def main() -> None:
     _show(panels[0, 0], pictures[0], f"Through the window: lines bend by {bends[0]:.0f} px")
     _show(panels[0, 1], pictures[1], f"Undistorted: straight to {bends[1]:.2f} px")
     _show(panels[1, 0], np.asarray(screen), "The screen shows where to hold the board")
-    _bars(panels[1, 1], errors)
+    _bars(panels[1, 1], errors, nearby)
     figure.savefig(OUTPUT, dpi=WIDTH_PX / 10.5, facecolor="white")
     with Image.open(OUTPUT) as image:
         image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(OUTPUT, optimize=True)
     print(
-        *(f"{name}: {error:.3f} px" for name, error in errors),
+        *(f"{name}: {error:.3f} px" for name, error in (*errors, *nearby)),
         f"bend {bends[0]:.1f} px, left {bends[1]:.2f} px",
         f"{OUTPUT.stat().st_size / 1e3:.0f} kB",
         sep="; ",
@@ -140,21 +147,27 @@ def _show(panel: Axes, picture: NDArray[Any], title: str) -> None:
     panel.set_axis_off()
 
 
-def _bars(panel: Axes, errors: list[tuple[str, float]]) -> None:
-    places = range(len(errors))[::-1]
-    sizes = [error for _, error in errors]
-    bars = panel.barh(places, sizes, color=COLOURS_OF_BARS, height=0.36)
-    panel.bar_label(bars, [f" {error:.3f} px" for error in sizes], fontsize=15, color=INK)
-    for place, (name, _) in zip(places, errors, strict=True):
-        panel.text(0.01 * sizes[0], place + 0.22, name, fontsize=13, va="bottom", color=FAINT)
+def _bars(panel: Axes, errors: list[tuple[str, float]], nearby: list[tuple[str, float]]) -> None:
+    """Draw the errors where the boards were, and below them those of nearer boards."""
+    rows = (*errors, *nearby)
+    places = [len(rows) + HEADING - i - HEADING * (i >= len(errors)) for i in range(len(rows))]
+    sizes = [error for _, error in rows]
+    colours = (COLOURS_OF_BARS[0], *2 * COLOURS_OF_BARS[1:])
+    bars = panel.barh(places, sizes, color=colours, height=0.3)
+    panel.bar_label(bars, [f" {error:.3f} px" for error in sizes], fontsize=13, color=INK)
+    for place, (name, _) in zip(places, rows, strict=True):
+        panel.text(0.01 * sizes[0], place + 0.2, name, fontsize=11, va="bottom", color=FAINT)
+    top = places[len(errors)] + 0.62
+    near = f"Nearer than the boards, {NEAR[0]:g} to {NEAR[1]:g} m"
+    panel.text(0.01 * sizes[0], top, near, fontsize=13, va="bottom", color=INK)
     panel.set(
         xlim=(0, 1.36 * sizes[0]),
-        ylim=(-0.4, len(errors) - 0.3),
+        ylim=(places[-1] - 0.35, places[0] + 0.7),
         xticks=[],
         yticks=[],
         box_aspect=0.583,
     )
-    panel.set_title("What is left of the error", fontsize=13, color=INK, pad=5)
+    panel.set_title("The error that is left, where the boards were", fontsize=13, color=INK, pad=5)
     panel.spines[["top", "right", "bottom"]].set_visible(False)
     panel.spines["left"].set_color(FAINT)
 

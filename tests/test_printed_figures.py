@@ -14,7 +14,12 @@ from pathlib import Path
 import pytest
 
 from calib.calibration import Calibration
-from tests.opencv_error import FLAGS, opencv_error
+from tests.opencv_error import (
+    FLAGS,
+    demo_error_nearby,
+    opencv_error,
+    opencv_error_nearby,
+)
 
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
@@ -115,3 +120,7 @@ def test_the_lenses_of_opencv_leave_what_the_readme_says(world: Path) -> None:
         quoted = re.search(rf"([\d.]+) px with {count}\b", words)
         assert quoted
         assert float(quoted[1]) == pytest.approx(opencv_error(calibration, count), abs=1e-3)
+    nearby = re.search(r"nearer, OpenCV ([\d.]+), fitted cover ([\d.]+)\.", words)
+    assert nearby
+    assert float(nearby[1]) == pytest.approx(opencv_error_nearby(calibration, 14), abs=0.02)
+    assert float(nearby[2]) == pytest.approx(demo_error_nearby(calibration), abs=2e-3)
