@@ -51,11 +51,11 @@ def opencv_error_nearby(calibration: Calibration, coefficients: int) -> float:
         in_picture = ((pixels > MARGIN) & (pixels < size - MARGIN)).all(-1)  # false for NaN
         if in_picture.sum() < FEWEST:
             continue
-        found = board[in_picture], pixels[in_picture], matrix, distortion
-        _, near_turn, near_move = cv2.solvePnP(*found, turn, move, useExtrinsicGuess=True)
-        best = cv2.solvePnPRefineLM(*found, near_turn, near_move)
-        modelled = cv2.projectPoints(found[0], best[0], best[1], matrix, distortion)[0]
-        squares.append(float(((modelled.reshape(-1, 2) - found[1]) ** 2).sum(-1).mean()))
+        problem = board[in_picture], pixels[in_picture], matrix, distortion
+        _, near_turn, near_move = cv2.solvePnP(*problem, turn, move, useExtrinsicGuess=True)
+        best = cv2.solvePnPRefineLM(*problem, near_turn, near_move)
+        modelled = cv2.projectPoints(problem[0], best[0], best[1], matrix, distortion)[0]
+        squares.append(float(((modelled.reshape(-1, 2) - problem[1]) ** 2).sum(-1).mean()))
     return float(np.sqrt(np.mean(squares)))
 
 
@@ -78,10 +78,10 @@ def _calibrate(calibration: Calibration, coefficients: int) -> tuple[float, Arra
     views = [np.asarray(view.seen, bool) for view in calibration.views]
     board = _points(calibration)
     corners = [
-        np.asarray(view.corners, np.float32)[seen]
-        for view, seen in zip(calibration.views, views, strict=True)
+        np.asarray(view.corners, np.float32)[detected]
+        for view, detected in zip(calibration.views, views, strict=True)
     ]
-    points = [np.asarray(board[seen], np.float32) for seen in views]
+    points = [np.asarray(board[detected], np.float32) for detected in views]
     size = calibration.camera.width, calibration.camera.height
     start = np.eye(3), np.zeros(coefficients)
     error, matrix, distortion, *_ = cv2.calibrateCamera(

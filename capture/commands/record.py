@@ -64,13 +64,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="the least time between two views, in seconds",
     )
-    parser.add_argument("--all", action="store_true", help="keep every frame, whatever is in it")
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="keep every frame, whatever is in it; of a rig, every moment",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
 
 
 def run(args: argparse.Namespace) -> None:
+    from calib.errors import InputError
     from capture.rig.rig_sources import is_rig, refuse_rig_folder
 
+    if args.all and (args.burst > 1 or args.every):
+        raise InputError(
+            "--burst and --every choose among good views: leave them out, or leave --all out."
+        )
     if is_rig(args.source):
         from capture.rig.record_rig import record_rig
 
@@ -84,7 +93,7 @@ def _record_session(args: argparse.Namespace) -> None:
     from itertools import islice
 
     from calib.commands.printing import print_json
-    from calib.errors import InputError, NotEnoughDataError, RefracalError
+    from calib.errors import NotEnoughDataError, RefracalError
     from capture.finders import make_finder
     from capture.interrupt import stop_on_signal
     from capture.narrator import Narrator, SilenceRemarks
@@ -97,10 +106,6 @@ def _record_session(args: argparse.Namespace) -> None:
 
     (source_text,) = args.source
     source = open_source(source_text)
-    if args.all and (args.burst > 1 or args.every):
-        raise InputError(
-            "--burst and --every choose among good views: leave them out, or leave --all out."
-        )
     like = read_setup(Path(args.cover_from[-1])) if args.cover_from else None
     board = board_of(args.session, board_from_options(args), like)
     views = args.views or (None if args.all else 30)

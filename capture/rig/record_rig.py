@@ -12,7 +12,7 @@ from capture.interrupt import stop_on_signal
 from capture.recording_loop import RecordingPlan
 from capture.rig.rig_folder import RigFolder
 from capture.rig.rig_guide import Advice, RigGuide
-from capture.rig.rig_loop import detect_in_rig, record_moments
+from capture.rig.rig_loop import detect_in_rig, record_all, record_moments
 from capture.rig.rig_narrator import RigNarrator, RigSilenceRemarks
 from capture.rig.rig_reader import RigReader
 from capture.rig.rig_recorder import RigRecorder
@@ -25,16 +25,15 @@ DEFAULT_VIEWS = 30
 def record_rig(args: argparse.Namespace) -> None:
     """Record all cameras of a rig together."""
     sources = open_sources(args.source)
-    if args.bare or args.all:
-        option = "--bare" if args.bare else "--all"
+    if args.bare:
         raise InputError(
-            f"{option} is for one camera at a time: record into the session of each, such as"
-            f" capture record {args.session / next(iter(sources))} --source ... {option}."
+            "--bare is for one camera at a time: record into the session of each, such as"
+            f" capture record {args.session / next(iter(sources))} --source ... --bare."
         )
     rig = RigFolder.of(args.session, tuple(sources))
     likes = read_likes(args.cover_from or (), tuple(sources))
     board = rig.board(board_from_options(args), likes)
-    views = args.views or DEFAULT_VIEWS
+    views = args.views or (None if args.all else DEFAULT_VIEWS)
     with (
         RigReader(sources, RigSilenceRemarks()) as reader,
         RigRecorder(
@@ -44,7 +43,12 @@ def record_rig(args: argparse.Namespace) -> None:
     ):
         narrator = RigNarrator(reader, recorder, views, json=args.json)
         try:
-            _record(reader, recorder, narrator, board, RecordingPlan(views, args.burst, args.every))
+            if args.all:
+                for step in record_all(reader, recorder, views):
+                    narrator.report_step(step)
+            else:
+                plan = RecordingPlan(views, args.burst, args.every)
+                _record(reader, recorder, narrator, board, plan)
         except RefracalError:
             narrator.report_safety()
             raise

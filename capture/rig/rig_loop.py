@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +94,16 @@ def record_moments(
         yield RigStep(moment, detections, decision, pictures, count, singles)
         if count == plan.views and not remaining:
             return
+
+
+def record_all(
+    moments: Iterable[Moment], recorder: RigRecorder, views: int | None
+) -> Iterator[RigStep]:
+    """Keep each moment, whatever is in it, and end after this many; None goes on."""
+    for count, moment in enumerate(islice(moments, views), start=1):
+        cameras = tuple(moment.frames)
+        decision = MomentDecision(cameras, "")
+        yield RigStep(moment, {}, decision, recorder.keep(moment, cameras), count, 0)
 
 
 def _refine(

@@ -16,9 +16,11 @@ from capture.rig.rig_recorder import RigRecorder
 
 
 class RigNarrator:
-    def __init__(self, reader: RigReader, recorder: RigRecorder, views: int, *, json: bool) -> None:
-        """`views` is the wanted number of shared views; with `json`, stdout carries only the
-        summary.
+    def __init__(
+        self, reader: RigReader, recorder: RigRecorder, views: int | None, *, json: bool
+    ) -> None:
+        """`views` is the wanted number of shared views, None for all; with `json`, stdout carries
+        only the summary.
         """
         self.sentence = ""
         """The instruction for the person."""
@@ -106,7 +108,7 @@ class RigNarrator:
 
     def _print_pictures(self, step: RigStep) -> None:
         if not self._json:
-            together = f"view {self.views} of {self._wanted}"
+            together = f"view {self.views}" + (f" of {self._wanted}" if self._wanted else "")
             of = together if len(step.pictures) > 1 else "alone"
             places = "  ".join(str(picture) for picture in step.pictures.values())
             print(harmless(f"{places}  {of}"), flush=True)

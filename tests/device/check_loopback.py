@@ -1,5 +1,5 @@
 """A camera that shows a fixture: what `capture record` keeps of it is the fixture, bit for bit, and
-calibrates like it.
+calibrates like it; so do two cameras, the second one later by a known time.
 """
 
 import json
@@ -18,6 +18,7 @@ from tests.device.guest import PROJECT, Guest
 from tests.device.kernels import kernel_6_1, v4l2loopback
 
 FIXTURE = PROJECT / "fixtures" / "bumps"
+PAIR = PROJECT / "fixtures" / "rig-cones"
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder that the guest wrote: result.json and the session that it recorded."""
     folder = tmp_path_factory.mktemp("loopback")
     kernel = kernel_6_1()
-    guest = Guest(kernel, {"v4l2loopback": ""}, (v4l2loopback(kernel),))
+    guest = Guest(kernel, {"v4l2loopback": "devices=2"}, (v4l2loopback(kernel),))
     patient = {
         "OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT": "10"
     }  # s: the next frame comes when this one is recorded, however slow the guest
@@ -35,6 +36,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "-m",
         "tests.device.inside.loopback",
         str(FIXTURE),
+        str(PAIR),
         "/shared",
         **patient,
     )
@@ -78,6 +80,41 @@ def test_the_recording_calibrates_to_the_same_numbers(shared: Path, tmp_path: Pa
     assert _fit(shared / "session", tmp_path / "recorded") == _fit(
         tmp_path / "fixture", tmp_path / "shown"
     )
+
+
+def test_pictures_of_two_devices_are_paired_as_they_were_shown(shared: Path) -> None:
+    """The first moment is there several times, as it is shown until it is recorded."""
+    result = json.loads((shared / "result.json").read_text())["rig"]
+    assert result["code"] == 0, result["stderr"]
+    numbers = _shown_numbers(shared / "rig" / "left", PAIR / "left")
+    assert numbers == _shown_numbers(shared / "rig" / "right", PAIR / "right")
+    assert numbers == sorted(numbers)
+    assert set(numbers) == set(range(len(list_images(PAIR / "left" / "frames"))))
+
+
+def _shown_numbers(recorded: Path, shown: Path) -> list[int]:
+    """Return for each recorded picture the number of the shown one that it is, bit for bit."""
+    pictures = [read_grey(path).tobytes() for path in list_images(shown / "frames")]
+    return [pictures.index(read_grey(path).tobytes()) for path in list_images(recorded / "frames")]
+
+
+def test_the_time_between_two_devices_is_measured(shared: Path) -> None:
+    """To 2 ms: a frame has its time when the driver has copied it."""
+    result = json.loads((shared / "result.json").read_text())["rig"]
+    written_ms = 1000 * float(np.median(result["offsets_s"]))
+    found_ms = result["summary"]["cameras"]["right"]["offset_ms"]
+    assert found_ms == pytest.approx(written_ms, abs=2.0)
+
+
+def test_the_recorded_rig_calibrates(shared: Path, tmp_path: Path) -> None:
+    """The distance between the cameras is right within 2.5 of its sigmas."""
+    command = ["rig", "fit", str(shared / "rig"), "-o", str(tmp_path / "rig"), "--json"]
+    done = subprocess.run(
+        [sys.executable, "-m", "calib", *command], stdout=subprocess.PIPE, text=True, check=True
+    )
+    (baseline,) = json.loads(done.stdout)["baselines"]
+    truth = float(np.linalg.norm(np.load(PAIR / "truth.npz")["moved"][1]))
+    assert abs(baseline["metres"]["value"] - truth) < 2.5 * baseline["metres"]["sigma"]
 
 
 def _fit(session: Path, output: Path) -> dict[str, Any]:

@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -93,6 +94,27 @@ def test_pairs_are_kept_together_and_one_camera_alone_as_such(
     assert code == 3
     assert KNOWN_VIEW in remarks
     assert len(list((rig / "right" / "frames").iterdir())) == 4
+
+
+def test_all_moments_are_kept_though_the_board_moves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As bursts for a delay between the cameras need it."""
+
+    def moving(time_s: float) -> np.ndarray:
+        placement: np.ndarray = SHARED[0] + [0.0, 0.0, 0.0, 0.15 * time_s, 0.0, 0.0]
+        return placement
+
+    record(tmp_path / "left", "left", times(0.05)[:8], moving)
+    record(tmp_path / "right", "right", times(0.05, OFFSET_S)[:8], moving)
+    rig = tmp_path / "rig"
+    arguments = [*sources(tmp_path), *BOARD_FLAGS, "--all", "--json"]
+    code, output, _ = run(rig, [*arguments, "--views", "6"], capsys)
+    assert (code, json.loads(output)["views"]) == (0, 6)
+    for name in ("left", "right"):
+        assert len(read_table(rig / name / "frames.csv")) == 6
+    code, _, remarks = run(rig, [*arguments, "--burst", "2"], capsys)
+    assert (code, remarks[-1].startswith("capture: --burst and --every choose")) == (2, True)
 
 
 def test_the_recorded_rig_has_the_placements_that_were_shown(

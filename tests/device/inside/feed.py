@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 DEVICE = "/dev/video0"
+SECOND = "/dev/video1"
 S_FMT, OUTPUT = 0xC0D05605, 2
 Grey = NDArray[np.uint8]
 
@@ -37,9 +38,9 @@ BUFFERS: Mapping[str, Callable[[Grey], bytes]] = {
 
 
 @contextmanager
-def feeding(pixels: str, width: int, height: int) -> Iterator[int]:
+def feeding(pixels: str, width: int, height: int, device: str = DEVICE) -> Iterator[int]:
     """The descriptor to which a camera's buffers are written."""
-    handle = os.open(DEVICE, os.O_RDWR)
+    handle = os.open(device, os.O_RDWR)
     try:
         code, size = int.from_bytes(pixels.encode(), "little"), 2 * width * height
         ioctl(

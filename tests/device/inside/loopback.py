@@ -1,8 +1,9 @@
 """In the guest: a loopback device shows one picture in each format, then a session's pictures, each
 when the one before is recorded, then it is a camera that sends a picture every three seconds.
-Before all that, the target of `calib stream` writes pictures there.
+Before all that, the target of `calib stream` writes pictures there. At last, two devices show the
+pictures of a rig, the second one 8 ms after the first.
 
-Usage: python -m tests.device.inside.loopback FIXTURE SHARED
+Usage: python -m tests.device.inside.loopback FIXTURE RIG SHARED
 """
 
 import json
@@ -10,6 +11,7 @@ import os
 import shutil
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +22,17 @@ from calib.io.images import list_images, read_grey
 from capture.errors import CaptureError
 from capture.sources.registry import open_source
 from capture.streaming.loopback import LoopbackTarget
-from tests.device.inside.feed import BUFFERS, DEVICE, feeding, written_every
+from tests.device.inside.feed import BUFFERS, DEVICE, SECOND, feeding, written_every
 from tests.device.inside.recording import PATIENCE, Recording
 
-fixture, shared = Path(sys.argv[1]), Path(sys.argv[2])
-session = Path("/tmp/session")
+fixture, pair, shared = map(Path, sys.argv[1:])
+session, rig = Path("/tmp/session"), Path("/tmp/rig")
+SHOWN_S = 1.0
+"""Between two frames of the rig's first moment, until it is recorded: the tolerance of pairs
+follows from the time between frames.
+"""
+OFFSET_S = 0.008
+"""The second camera of the rig is later by this."""
 
 
 def furthest(pixels: str) -> int | str:
@@ -75,6 +83,53 @@ def slow() -> dict[str, Any]:
         ).ended()
 
 
+def recorded_rig() -> dict[str, Any]:
+    """Return what became of the recording of a rig, and the seconds from each frame of the first
+    camera to that of the second, as they were written.
+    """
+    for name in ("left", "right"):
+        (rig / name).mkdir(parents=True)
+        shutil.copy(pair / name / "session.yaml", rig / name)
+    shutil.copy(pair / "rig.yaml", rig)
+    views = list_images(pair / "left" / "frames")
+    height, width = read_grey(views[0]).shape
+    offsets: list[float] = []
+    with (
+        feeding("YUYV", width, height) as left,
+        feeding("YUYV", width, height, SECOND) as right,
+    ):
+
+        def show(view: Path) -> None:
+            buffers = [
+                BUFFERS["YUYV"](np.asarray(read_grey(pair / name / "frames" / view.name), np.uint8))
+                for name in ("left", "right")
+            ]
+            os.write(left, buffers[0])
+            written = time.monotonic()
+            time.sleep(OFFSET_S)
+            os.write(right, buffers[1])
+            offsets.append(time.monotonic() - written)
+
+        for _ in range(2):  # before that, the devices have no format
+            show(views[0])
+        recording = Recording(
+            rig,
+            f"left=v4l2:{DEVICE}?patience_s={PATIENCE:.0f}",
+            *("--source", f"right=v4l2:{SECOND}?patience_s={PATIENCE:.0f}"),
+            "--all",
+        )
+        while recording.running and not recording.count:
+            show(views[0])
+            time.sleep(SHOWN_S)
+        for view in views[1:]:
+            count = recording.count
+            show(view)
+            while recording.running and recording.count < count + 2:
+                time.sleep(0.01)
+        recording.interrupt()
+        return {**recording.ended(), "offsets_s": offsets}
+
+
 def streamed() -> dict[str, Any]:
     """Return the grey levels between a picture of three colours that a stream's target writes to
     the device and what OpenCV, and our own source, read there; and the format that they find.
@@ -119,7 +174,9 @@ result = {
     "formats": {pixels: furthest(pixels) for pixels in BUFFERS},
     **recorded(),
     "slow": slow(),
+    "rig": recorded_rig(),
 }
 (shared / "result.json").write_text(json.dumps(result))
-if session.exists():
-    shutil.copytree(session, shared / "session")
+for folder in (session, rig):
+    if folder.exists():
+        shutil.copytree(folder, shared / folder.name)

@@ -5,6 +5,7 @@ A guest may be as slow as it likes, if it goes on.
 
 import hashlib
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -49,6 +50,17 @@ class Recording:
             time.sleep(0.01)
             self._look()
 
+    @property
+    def count(self) -> int:
+        """The number of pictures, of all cameras."""
+        self._look()
+        return self._count
+
+    def interrupt(self) -> None:
+        """End the recording as Ctrl-C does: it keeps its pictures."""
+        if self.running:
+            self._process.send_signal(signal.SIGINT)
+
     def ended(self, since: float | None = None) -> dict[str, Any]:
         """Exit code, seconds it took (from its start or `since` by the monotonic clock), and what
         it said and wrote.
@@ -71,7 +83,7 @@ class Recording:
 
     def _look(self) -> None:
         """Say on the console that there is a further picture, or end what brings none."""
-        count = sum(1 for _ in (self._session / "frames").glob("*.png"))
+        count = sum(1 for _ in self._session.rglob("frames/*.png"))
         if count != self._count:
             self._count, self._changed = count, time.monotonic()
             print(f"{self._session.name}: {count} pictures", flush=True)
