@@ -188,13 +188,12 @@ def _percent(fraction: float) -> str:
 def _straighten_bag(
     args: argparse.Namespace, calibration: "Calibration", progress: "Progress"
 ) -> Straightened:
+    from calib.apply.colour import ColourUndistorter
     from calib.apply.undistorter import Undistorter
     from calib.errors import InputError
     from calib.export.straight_bag import straighten_bag
     from calib.io.output_folder import ANOTHER_FILE, OutputFolder
 
-    if args.colour:
-        raise InputError("--colour is for pictures and videos: leave it out for a bag of ROS.")
     if args.depth is None:
         raise InputError("A bag is undistorted at one depth: write --depth, in metres.")
     (path,) = args.images
@@ -206,7 +205,8 @@ def _straighten_bag(
         elsewhere=ANOTHER_FILE,
     )
     output.check([args.output.name])
-    undistorter = Undistorter(calibration, args.depth, crop=args.crop, size=args.size)
+    kind = ColourUndistorter if args.colour else Undistorter
+    undistorter = kind(calibration, args.depth, crop=args.crop, size=args.size)
     written = straighten_bag(path, args.topic, undistorter, output, args.output.name, progress)
     return Straightened((args.output.parent / written.name,))
 

@@ -3,6 +3,7 @@ describe the pinhole that took them, and everything else is the same.
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,13 @@ import pytest
 
 pytest.importorskip("rosbags", reason="the extra `bags` is not installed")
 
+from calib.apply.colour import ColourUndistorter
 from calib.apply.undistorter import Undistorter
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.export.straight_bag import straight_camera
 from calib.io.bag_picture import message_image
+from calib.session.dispersion import Dispersion
 from fixtures.known import known, lens_alone
 from fixtures.synthetic import scene
 from tests.io.bags import FRAME, INFO, NOTE, START_NS, TOPIC, jpeg, raw, read_bag, write_bag
@@ -85,6 +88,20 @@ def test_pictures_are_straight_and_all_else_is_the_same(
     moved = transform.transform.translation
     np.testing.assert_array_equal([moved.x, moved.y, moved.z], camera.centre)
     assert transform.transform.rotation.w == 1
+
+
+def test_colour_fringes_are_removed_from_a_bag(tmp_path: Path, calibration: Calibration) -> None:
+    dispersion = {"refractive_index": Dispersion(abbe=40)}
+    coloured = replace(calibration, cover=replace(calibration.cover, dispersion=dispersion))
+    saved = Path(coloured.save(tmp_path / "calibration"))
+    source = write_bag(tmp_path / "source", "mcap", [raw("rgb8", PICTURES[0][..., ::-1])])
+    topics = straightened(saved, source, tmp_path / "out" / "straight.mcap", "--colour")
+    ((_, _, message),) = topics[TOPIC]
+    straight = message_image(message)
+    np.testing.assert_array_equal(
+        straight, ColourUndistorter(coloured, DEPTH).undistort(PICTURES[0])
+    )
+    assert (straight != Undistorter(coloured, DEPTH).undistort(PICTURES[0])).any()
 
 
 def test_the_straight_camera_is_exact_at_its_depth_and_better_than_the_origin_elsewhere(
