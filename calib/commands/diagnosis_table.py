@@ -58,12 +58,9 @@ def _errors(finding: Diagnosis) -> Table:
         column.justify = "right"
     if (given_px := finding.given_held_out_px) is not None:
         table.add_row("as given (calib evaluate)", "", "", f"{given_px:.3f} px")
-    rows = [("before, with a flat board", finding.base_quality)]
-    if finding.accepted:
-        rows.append(("after, with those found", finding.final_quality))
-    else:
-        rows = [("of the calibration", finding.base_quality)]
-    for name, quality in rows:
+    before, after = finding.base_quality, finding.final_quality
+    rows = [("before, with a flat board", before), ("after, with those found", after)]
+    for name, quality in rows if finding.accepted else [("of the calibration", before)]:
         table.add_row(
             name,
             f"{quality.rms_px:.3f} px",
