@@ -206,12 +206,12 @@ def numberings(coding: Coding) -> list[dict[str, Any]]:
     if not (isinstance(coding, AprilGrid) and coding.crossings):
         return [{}]
     declared = {"numbered_from": coding.numbered_from, "rotation_deg": coding.rotation_deg}
-    numberings = [
+    choices = [
         {"numbered_from": row, "rotation_deg": rotation}
         for row in FIRST_ROWS
         for rotation in ROTATIONS_DEG
     ]
-    return sorted(numberings, key=lambda numbering: numbering != declared)
+    return sorted(choices, key=lambda choice: choice != declared)
 
 
 def _possible_first_markers(markers: Sequence[Markers], board: Board) -> list[int]:
