@@ -78,7 +78,7 @@ def board_size(case: Case) -> Iterator[Reason]:
         )
         word = Trust.DO_NOT_USE if width < TINY * radius else Trust.CARE
         yield Reason(sentence, case.next.fit(), (key,), word)
-    elif not radius and SMALLEST_BOARD <= width < SMALL_BOARD and case.calibration.cover.covers:
+    elif not radius and SMALLEST_BOARD <= width < SMALL_BOARD and case.calibration.model()[0].cover:
         sentence = (
             f"the board would be {1e3 * width:.3g} mm wide: check {key}, whose unit is the"
             " millimetre."

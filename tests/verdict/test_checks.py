@@ -21,6 +21,7 @@ from calib.fitting.evaluate import BadView, Evaluation
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import AprilGrid, Charuco, Coding
+from calib.session.cover import Cover
 from calib.session.freeing import AUTO
 from calib.session.parameter_names import COVER
 from calib.session.schema import Number
@@ -466,6 +467,16 @@ def test_a_board_in_centimetres_or_in_metres(good: Calibration) -> None:
     (reason,) = asked(board_size, scaled(0.2))
     assert "would be 32 mm wide, less than the cover's radius of 42 mm" in reason.sentence
     assert not asked(board_size, scaled(0.5))
+    small = scaled(0.2)
+    radius = {COVER.of("inner_radius"): Number(0.04, 0.02, unknown=True)}
+    cover = small.declared.cover.replace_numbers(radius)
+    unknown = replace(small, stated=replace(small.declared, cover=cover))
+    (reason,) = asked(board_size, unknown)
+    assert reason.sentence.startswith("the board would be 32 mm wide: check board.square_mm")
+    bare = Cover("none", {})
+    assert not asked(
+        board_size, replace(unknown, cover=bare, stated=replace(small.declared, cover=bare))
+    )
 
 
 def test_a_board_inside_of_the_cover(good: Calibration) -> None:
