@@ -21,7 +21,6 @@ from calib.fitting.evaluate import BadView, Evaluation
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import AprilGrid, Charuco, Coding
-from calib.session.cover import Cover
 from calib.session.freeing import AUTO
 from calib.session.parameter_names import COVER
 from calib.session.schema import Number
@@ -44,6 +43,7 @@ from calib.verdict.unevenness import unevenness
 from calib.verdict.unseen_row import extra_rows, unseen_row
 from calib.verdict.verdict import MAPS_HOLD, Reason, Trust
 from fixtures.calibrated import with_outcome
+from fixtures.known import lens_alone
 from fixtures.synthetic import paper_cone, scene
 from tests.fitting.test_inputs import spoiled
 from tests.report.made import calibrated
@@ -473,10 +473,8 @@ def test_a_board_in_centimetres_or_in_metres(good: Calibration) -> None:
     unknown = replace(small, stated=replace(small.declared, cover=cover))
     (reason,) = asked(board_size, unknown)
     assert reason.sentence.startswith("the board would be 32 mm wide: check board.square_mm")
-    bare = Cover("none", {})
-    assert not asked(
-        board_size, replace(unknown, cover=bare, stated=replace(small.declared, cover=bare))
-    )
+    bare = lens_alone(scene(1, views=1), 640, 480, 640.0, 640.0, 320.0, 240.0)
+    assert not asked(board_size, replace(bare, board=Board(9, 9, 0.002)))
 
 
 def test_a_board_inside_of_the_cover(good: Calibration) -> None:
