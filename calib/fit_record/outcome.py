@@ -119,9 +119,10 @@ class Uncertainty:
         shares = [f"{name} ({100 * share:.0f} %)" for name, share in self.heavy_views.items()]
         if not shares:
             return ""
+        these = "this" if len(shares) == 1 else "these"
         return (
-            f"The result leans on {', '.join(shares)}: more pictures with the board there would"
-            " make it safer."
+            f"The result leans on {', '.join(shares)}: more pictures like {these} would make it"
+            " safer."
         )
 
 

@@ -43,7 +43,7 @@ def again_html(evidence: Evidence, folder: Path) -> str:
         " fit can be repeated from them alone. session_sha256 is the SHA-256 of the text that"
         " <code>sha256sum</code> prints for the session files that the fit read;"
         " calibration_sha256 is the SHA-256 of calibration.npz.</p>"
-        + "<details><summary>Settings and outcome, as calibration.yaml has them</summary>"
+        + "<details><summary>Settings and outcome, as calibration.yaml has them, rounded</summary>"
         + html_table(("", ""), outcome)
         + "</details>"
     )
@@ -62,7 +62,7 @@ def flat_rows(value: object, name: str = "") -> Iterator[tuple[str, str]]:
     elif isinstance(value, Sequence) and not isinstance(value, str):
         yield name, ", ".join(map(str, value)) or "none"
     else:
-        yield name, str(value)
+        yield name, f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def commands(request: FitRequest, history: History, folder: Path) -> list[list[str]]:

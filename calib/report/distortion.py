@@ -39,7 +39,7 @@ def distortion_caption(evidence: Evidence) -> str:
     depths = shown_depths(evidence)
     return (
         "Undistorted minus distorted pixel, for a scene at one depth. Contours are lines of"
-        " equal length. Arrows show the direction; they are enlarged until the longest has the same"
+        " equal length. Arrows show the direction; they are scaled until the longest has the same"
         " size in every panel, by the factor above it."
         + (
             " The two maps differ because a cover also shifts rays sideways, which matters more"

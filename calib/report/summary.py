@@ -16,6 +16,7 @@ from calib.report.patterns import over_board, over_image
 from calib.report.tiles import Tile, report_tiles
 from calib.session.cover import Cover
 from calib.session.parameter_names import INDEX, THICKNESS, layer_number
+from calib.session.shapes.layer import WATER, medium_word
 from calib.verdict.judge import judge
 from calib.verdict.residual import NOT_ALL_NOISE, OF_NOISE
 from calib.verdict.thresholds import BEYOND_NOISE
@@ -102,6 +103,9 @@ def _subject(evidence: Evidence) -> str:
         target = f"a {board} board with {cells}"
     else:
         target = f"a flat target: {board}"
+    medium = calibration.cover.medium
+    if medium and medium_word(medium.value) == WATER:
+        behind += f", in water ({medium.value:g})"
     return (
         f"{camera}{behind}: {len(calibration.views)} views of {target}, {near:.2g} to {far:.2g} m"
         " away."
