@@ -219,7 +219,7 @@ def labelled(table: str) -> str:
             lambda cell: f'<td data-label="{next(labels, "")}"><div>{cell[1]}</div></td>', match[0]
         )
 
-    return ROW.sub(row, table.replace("<table>", '<table data-stacked>', 1))
+    return ROW.sub(row, table.replace("<table>", "<table data-stacked>", 1))
 
 
 def sized(block: str) -> str:
