@@ -244,7 +244,7 @@ def test_the_report_and_the_verdict_know_its_layers(
 ) -> None:
     page = report_in(tmp_path, calibration, (0.4,)).read_text(encoding="utf-8")
     assert "behind a flat window of 3 layers (" in page
-    assert " and 1.58): " in page
+    assert " and 1.58), in water (" in page
     assert "cover.layer2.thickness" in page
     assert judge(calibration).word
 
