@@ -13,7 +13,7 @@ from calib.fitting.corner_range import (
     corners_at,
     describe_trusted,
     distance_range,
-    trusted_depths,
+    untrusted_depths,
 )
 from calib.undistortion.ray_field import RayField
 
@@ -47,15 +47,12 @@ class ReachedDepths:
         return ReachedDepths(tuple(reached), tuple(refusals))
 
 
-def describe_depths(
-    field: RayField, depths: Iterable[float], farthest: float = math.inf
-) -> Iterator[str]:
+def describe_depths(calibration: Calibration, depths: Iterable[float]) -> Iterator[str]:
     """Yield a sentence on each depth, m, that lies inside the cover for a part of the picture,
     which therefore is black, and on each that may have been meant in mm or cm.
-
-    Args:
-        farthest: m, how far away the farthest corner was.
     """
+    field = calibration.ray_field()
+    _, farthest = _corner_range(calibration) or (0.0, math.inf)
     for depth in dict.fromkeys(depths):
         for name, units, far in (("mm", 1000, FAR), ("cm", 100, max(MANY_CM, MANY * farthest))):
             if far <= depth < math.inf:
@@ -73,21 +70,20 @@ def describe_depths(
             )
 
 
-def describe_all(calibration: Calibration, depths: Iterable[float]) -> Iterator[str]:
-    """Yield the sentences of `describe_depths`, and one on the depths, m, that the boards of a
-    covered camera do not support.
-    """
-    depths = tuple(depths)
-    corners = corners_at(calibration)
-    farthest = distance_range(corners[:, 2])[1] if len(corners) else math.inf
-    yield from describe_depths(calibration.ray_field(), depths, farthest)
-    if not len(corners) or not calibration.model()[0].cover:
+def describe_unsupported(calibration: Calibration, depths: Iterable[float]) -> Iterator[str]:
+    """Yield a sentence on the depths, m, that the boards of a covered camera do not support."""
+    corner_range = _corner_range(calibration)
+    if not corner_range or not calibration.model()[0].cover:
         return
-    near, far = distance_range(corners[:, 2])
-    nearest, farthest = trusted_depths(near, far)
-    untrusted = [depth for depth in dict.fromkeys(depths) if not nearest <= depth <= farthest]
-    if untrusted:
+    near, far = corner_range
+    if untrusted := untrusted_depths(depths, near, far):
         yield (
             f"Take care at {', '.join(f'{depth:g} m' for depth in untrusted)}: the boards were"
             f" {near:.2g} to {far:.2g} m away, which supports {describe_trusted(near, far)}."
         )
+
+
+def _corner_range(calibration: Calibration) -> tuple[float, float] | None:
+    """Return how far away the nearest and the farthest corner were, m; None without corners."""
+    corners = corners_at(calibration)
+    return distance_range(corners[:, 2]) if len(corners) else None

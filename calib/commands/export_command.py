@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from contextlib import ExitStack
 
-        from calib.apply.asked_depths import describe_all
+        from calib.apply.asked_depths import describe_depths, describe_unsupported
         from calib.apply.colour import channel_calibration, check_dispersion
         from calib.calibration import Calibration
         from calib.commands.console import Bars
@@ -135,7 +135,10 @@ def run(args: argparse.Namespace) -> None:
     print_paths([path for exported in exports for path in exported.paths])
     for exported in exports:
         _print_remarks(form, exported, find_outdated_files(exported.paths, inputs[0]))
-    for remark in describe_all(calibration, depths):
+    for remark in (
+        *describe_depths(calibration, depths),
+        *describe_unsupported(calibration, depths),
+    ):
         print(remark, file=sys.stderr)
 
 

@@ -80,7 +80,6 @@ def run(args: argparse.Namespace) -> None:
         from calib.effects.board_shape import BoardShape
         from calib.errors import InputError
         from calib.export.npz import npz_file_names, write_npz
-        from calib.fitting.corner_range import corners_at, distance_range
         from calib.fitting.description import calibrated_numbers
         from calib.fitting.fit import fit
         from calib.fitting.provenance import record_request
@@ -139,9 +138,7 @@ def run(args: argparse.Namespace) -> None:
     if removed:
         names = ", ".join(removed)
         print(f"Removed {names}, of the earlier fit: --depth writes maps.", file=sys.stderr)
-    for remark in describe_depths(
-        calibration.ray_field(), depths, distance_range(corners_at(calibration)[:, 2])[1]
-    ):
+    for remark in describe_depths(calibration, depths):
         print(remark, file=sys.stderr)
     if reached.refusals:
         raise InputError(f"The calibration is written, a map is not: {reached.refusals[0]}")

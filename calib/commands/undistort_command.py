@@ -103,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from calib.apply.angular_reach import undistortion_limit
-        from calib.apply.asked_depths import describe_all
+        from calib.apply.asked_depths import describe_depths, describe_unsupported
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
@@ -129,7 +129,11 @@ def run(args: argparse.Namespace) -> None:
     print_paths(paths)
     if limit := undistortion_limit(calibration):
         print(limit, file=sys.stderr)
-    for note in describe_all(calibration, filter(None, [args.depth])):
+    depths = [args.depth] if args.depth is not None else []
+    for note in (
+        *describe_depths(calibration, depths),
+        *describe_unsupported(calibration, depths),
+    ):
         print(note, file=sys.stderr)
     if remark:
         print(remark, file=sys.stderr)

@@ -1,6 +1,7 @@
 """The pixels and distances at which a calibration has corners: elsewhere it extrapolates."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 import torch
@@ -126,6 +127,12 @@ def trusted_depths(near: float, far: float) -> tuple[float, float]:
     """Return the range of depths in m that corners from near to far support."""
     margin = DEPTH_MARGIN * (1 / near - 1 / far)
     return 1 / (1 / near + margin), 1 / (1 / far - margin) if 1 / far > margin else math.inf
+
+
+def untrusted_depths(depths: Iterable[float], near: float, far: float) -> list[float]:
+    """Return the depths, m, that corners from near to far do not support, each once."""
+    nearest, farthest = trusted_depths(near, far)
+    return [depth for depth in dict.fromkeys(depths) if not nearest <= depth <= farthest]
 
 
 def describe_trusted(near: float, far: float) -> str:

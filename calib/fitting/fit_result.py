@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from operator import gt, lt
 
 import numpy as np
 import torch
@@ -29,7 +30,7 @@ from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
 from calib.session.numbers import unknown_names
-from calib.session.parameter_names import CAMERA, NUMBER
+from calib.session.parameter_names import CAMERA, number_of
 
 SCATTERED = 1.25
 """The scatter of the views over that of independent corners, from which on it is asked whether
@@ -125,10 +126,11 @@ def count_views(
     if not joint.finite:
         return wide, uncertainty
     limits = _limits_by_priors(joint)
-    limited = _at_most(wide, limits)
+    limited = _with_variances(wide, limits, lt)
     # A limit takes from whatever depends on its number, perhaps more than that number's profile.
     minima = {name: min(variance, limits[name]) for name, variance in variances.items()}
-    return _at_most(_at_least(limited, minima), limits), uncertainty
+    widened = _with_variances(limited, minima, gt)
+    return _with_variances(widened, limits, lt), uncertainty
 
 
 def _limits_by_priors(joint: JointFit) -> Mapping[str, float]:
@@ -139,30 +141,22 @@ def _limits_by_priors(joint: JointFit) -> Mapping[str, float]:
     limits = {}
     for param in joint.parameters.free:
         name = param.name
-        if name in sigmas and not param.shape and (CAMERA.has(name) or NUMBER.match(name)):
+        if name in sigmas and not param.shape and (CAMERA.has(name) or number_of(name)):
             shift = float(joint.values[name] - joint.parameters.origin[name])
             limits[name] = (max(float(sigmas[name]), abs(shift)) / param.scale) ** 2
     return limits
 
 
-def _at_least(joint: JointFit, variances: Mapping[str, float]) -> JointFit:
-    """Return the fit with at least these variances, over the scales squared."""
-    covariance, places = joint.covariance, joint.parameters.slices()
-    for name, variance in variances.items():
-        at = places[name].start
-        if float(covariance[at, at]) < variance:
-            covariance = with_variance(covariance, at, variance)
-    return replace(joint, covariance=covariance)
-
-
-def _at_most(joint: JointFit, variances: Mapping[str, float]) -> JointFit:
-    """Return the fit with at most these variances, over the scales squared: each number that is
-    less certain gets an observation, and whatever depends on it follows.
+def _with_variances(
+    joint: JointFit, variances: Mapping[str, float], replaces: Callable[[float, float], bool]
+) -> JointFit:
+    """Return the fit with these variances, over the scales squared, where `replaces(new, old)`:
+    whatever depends on such a number follows.
     """
     covariance, places = joint.covariance, joint.parameters.slices()
     for name, variance in variances.items():
         at = places[name].start
-        if float(covariance[at, at]) > variance:
+        if replaces(variance, float(covariance[at, at])):
             covariance = with_variance(covariance, at, variance)
     return replace(joint, covariance=covariance)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from calib.fitting.corner_range import describe_trusted, trusted_depths
+from calib.fitting.corner_range import describe_trusted, untrusted_depths
 from calib.verdict.case import Case
 from calib.verdict.thresholds import ONE_DEPTH
 from calib.verdict.verdict import Reason
@@ -21,8 +21,7 @@ def one_depth(case: Case) -> Iterator[Reason]:
 
 def requested_depths(case: Case) -> Iterator[Reason]:
     """Check that the requested depths are near those of the corners."""
-    nearest, farthest = trusted_depths(*case.reach)
-    untrusted = [depth for depth in case.depths if not nearest <= depth <= farthest]
+    untrusted = untrusted_depths(case.depths, *case.reach)
     if untrusted and case.calibration.model()[0].cover:
         near, far = case.reach
         sentence = (

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.calibration_content import AddedEffect, Stage
@@ -20,11 +21,15 @@ from calib.effects.focal import Focal
 from calib.effects.lens import LensEffect
 from calib.effects.thickness import Thickness
 from calib.fit_record.history import AcceptedEffect, DiagnosisRecord, EffectEstimate, History
+from calib.fitting import fit_result
 from calib.fitting.declared import comparisons, effect_comparisons
 from calib.fitting.rounding import with_sigma
+from calib.fitting.stages import Setup
+from calib.inference.fitted_model import FittedModel
 from calib.report.effects import effect_rows
+from fixtures.calibrated import CAMERA, tolerant
 from fixtures.known import known
-from fixtures.synthetic import HEIGHT, WIDTH, scene
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, scene
 
 
 def with_effect(
@@ -164,3 +169,26 @@ def test_a_field_has_its_size_in_words(plain: Calibration) -> None:
     size = {"inner_surface.rms": EffectEstimate(1.23e-5, 2e-6, "m")}
     accepted = AcceptedEffect("inner_surface", 0.3, 0.1, size)
     assert describe_estimates(accepted, plain) == ["inner_surface.rms 0.0123 ± 0.0020 mm"]
+
+
+def test_no_declared_number_is_less_certain_than_its_tolerance(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """However wide the covariance becomes. An estimate may be farther from the declared number than
+    its tolerance, and is then uncertain by as much.
+    """
+
+    def wide(fitted: FittedModel, *_: object) -> NDArray[np.float64]:
+        return 1e6 * np.eye(len(fitted.joint.covariance))
+
+    monkeypatch.setattr(fit_result, "possible_print_shifts", wide)
+    made = scene(3, views=8, grid=(4, 4), amplitude=0.0, noise=0.1)
+    calibration = tolerant(made, Setup(made.board, CAMERA, INTRINSICS, made.cover))
+    limited = 0
+    for name, number in calibration.cover.numbers.items():
+        declared = calibration.declared.cover.numbers[name]
+        if declared.sigma:
+            limit = max(declared.sigma, abs(number.value - declared.value))
+            assert number.sigma == pytest.approx(limit, rel=1e-6), name
+            limited += 1
+    assert limited >= 6

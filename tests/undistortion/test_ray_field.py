@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from calib.apply.asked_depths import ReachedDepths, describe_all, describe_depths
+from calib.apply.asked_depths import ReachedDepths, describe_depths, describe_unsupported
 from calib.errors import InputError
 from calib.optics.build import pinhole_path
 from calib.optics.exposure import MIDDLE
@@ -188,21 +188,17 @@ def test_around_a_pole_of_the_lens_the_map_is_right_or_not_valid() -> None:
     assert valid.mean() > 0.99
 
 
-@pytest.mark.parametrize("k1", [0.5, -0.35])
-def test_a_map_is_valid_exactly_where_the_camera_sees(k1: float) -> None:
-    """With a lens whose straight picture is much smaller than the camera's, and with one that folds
-    within its picture: the grid of the inverse fails around what they see.
+def test_a_map_is_valid_exactly_where_the_camera_sees() -> None:
+    """With a lens whose straight picture is much smaller than the camera's, so that the grid of the
+    inverse fails around what it sees.
     """
-    field = ray_field(*lens_path(k1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 640, 480)
-    made = field.map_at(1.0)
-    inverse = invert(field.forward(1.0), field.window)
-    assert not inverse.cells.all()
-    pixels = np.stack(np.meshgrid(np.arange(640.0), np.arange(480.0)), -1).reshape(-1, 2)
-    distorted, visible = field.distort_pixels(pixels, 1.0)
-    assert np.count_nonzero(made.valid != visible.reshape(480, 640)) <= 2, "but for rounding"
-    shared = visible & made.valid.ravel()
-    error = np.column_stack([made.x.ravel(), made.y.ravel()])[shared] - distorted[shared]
-    assert np.abs(error).max() < 0.01
+    path, values = lens_path(0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    field = ray_field(path, values, 640, 480)
+    assert not invert(field.forward(1.0), field.window).cells.all()
+    error, in_picture, valid = off_projection(path, values, field.map_at(1.0), 1)
+    assert np.count_nonzero(valid != in_picture) <= 20, "pixels at the border, by 0.01 px"
+    assert error[in_picture & valid].max() < 0.01
+    assert 0.3 < valid.mean() < 0.9
 
 
 def test_the_border_of_what_a_lens_sees_is_smooth() -> None:
@@ -223,25 +219,34 @@ def test_the_border_of_what_a_lens_sees_is_smooth() -> None:
 
 def test_a_depth_that_the_boards_do_not_support_gets_a_sentence(made: Scene) -> None:
     calibration = known(made, WIDTH, HEIGHT)
-    assert not list(describe_all(calibration, [9.0, 60.0])), "no corner is known"
+    assert not list(describe_unsupported(calibration, [9.0])), "no corner is known"
     visible = replace(calibration, corners_at=np.array([[10.0, 10.0, 0.5], [90.0, 90.0, 0.8]]))
-    assert not list(describe_all(visible, [0.45, 1.0]))
-    (sentence,) = describe_all(visible, [0.3, 0.5, 9.0])
-    (remark, _) = describe_all(visible, [60.0])
-    assert remark == "60 is taken as metres: write 0.6 for 60 cm, and inf for far away."
+    assert not list(describe_unsupported(visible, [0.45, 1.0]))
+    (sentence,) = describe_unsupported(visible, [0.3, 0.5, 9.0])
     assert sentence.startswith("Take care at 0.3 m, 9 m: the boards were 0.5 to 0.8 m away")
 
 
-def test_a_depth_inside_of_the_cover_is_refused(field: RayField) -> None:
+def test_a_depth_in_centimetres_gets_a_sentence(made: Scene) -> None:
+    calibration = known(made, WIDTH, HEIGHT)
+    assert not list(describe_depths(calibration, [60.0])), "no corner is known"
+    near = replace(calibration, corners_at=np.array([[10.0, 10.0, 0.5], [90.0, 90.0, 0.8]]))
+    (remark,) = describe_depths(near, [9.9, 60.0])
+    assert remark == "60 is taken as metres: write 0.6 for 60 cm, and inf for far away."
+    far = replace(near, corners_at=near.corners_at * [1, 1, 10])
+    assert not list(describe_depths(far, [60.0])), "the boards were 8 m away"
+
+
+def test_a_depth_inside_of_the_cover_is_refused(made: Scene, field: RayField) -> None:
     """The cover is nearer at the picture's edges, so a depth between is a part of the picture."""
     assert field.hidden_fraction(0.5) == 0.0
     assert field.hidden_fraction(1e-3) == 1.0
     on_image = field.nearest[field.valid]
     between = float(np.median(on_image))
     assert 0.05 < field.hidden_fraction(between) < 0.95
-    (remark,) = describe_depths(field, [0.5, between])
+    calibration = known(made, WIDTH, HEIGHT)
+    (remark,) = describe_depths(calibration, [0.5, between])
     assert remark.startswith(f"At {between:g} m, ")
-    (remark,) = describe_depths(field, [99, 500, np.inf])
+    (remark,) = describe_depths(calibration, [99, 500, np.inf])
     assert remark == "500 is taken as metres: write 0.5 for 500 mm, and inf for far away."
     with pytest.raises(InputError, match=r"depth 0\.002 m is too near: write 0\.0\d+ m or more"):
         field.map_at(0.002)
