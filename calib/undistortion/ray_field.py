@@ -230,16 +230,16 @@ class RayField:
     def _solve_pixels(self, made: DepthMap, inverse: InverseMap, window: Window) -> None:
         """Solve each pixel of the cells around the image in which the spline is not the inverse."""
         ends = np.array([[self.nodes_x[0], self.nodes_y[0]], [self.nodes_x[-1], self.nodes_y[-1]]])
-        beyond = ((inverse.nodes < ends[0]) | (inverse.nodes > ends[1])).any(-1)
-        cells = ~(inverse.cells | all_corners_true(beyond))
+        off_grid = ((inverse.nodes < ends[0]) | (inverse.nodes > ends[1])).any(-1)
+        cells = ~(inverse.cells | all_corners_true(off_grid))
         column = cell_index(np.arange(window.width), inverse.columns)
         row = cell_index(np.arange(window.height), inverse.rows)
-        down, across = np.nonzero(cells[row][:, column])
-        pixels = np.stack([across, down], -1) * window.zoom + window.corner
+        ys, xs = np.nonzero(cells[row][:, column])
+        pixels = np.stack([xs, ys], -1) * window.zoom + window.corner
         distorted, visible = self.distort_pixels(pixels.astype(np.float64), made.depth)
-        made.valid[down, across] = visible
-        made.x[down, across] = np.where(visible, distorted[:, 0], -1)
-        made.y[down, across] = np.where(visible, distorted[:, 1], -1)
+        made.valid[ys, xs] = visible
+        made.x[ys, xs] = np.where(visible, distorted[:, 0], -1)
+        made.y[ys, xs] = np.where(visible, distorted[:, 1], -1)
 
     @cached_property
     def _spline(self) -> Spline:

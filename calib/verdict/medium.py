@@ -44,7 +44,7 @@ def medium(case: Case) -> Iterator[Reason]:
             f" {error:.3f} px; with its outside_index of {index:g} it is {cover:.3f} px. So the"
             f" board was in {name}."
         )
-        command = case.next.fit("--outside-index", f"{MEDIA[name]:g}")
+        command = case.next.fit_in(MEDIA[name])
         yield Reason(sentence, command, (declared.cover.medium_name,))
 
 
@@ -58,9 +58,8 @@ def undecided_medium(case: Case) -> Iterator[str]:
     if -OTHER_MEDIUM_LOG_ODDS < odds[word] - odds[name] < UNDECIDED_LOG_ODDS:
         yield (
             f"these pictures fit {name} outside of the cover about as well as {word}. The numbers"
-            f" of camera and cover hold only if {word} is right: if it was {name}, add"
-            f" --outside-index {MEDIA[name]:g} to the fit. Pictures without the cover, in bare/,"
-            " would decide."
+            f" of camera and cover hold only if {word} is right: if it was {name},"
+            f" {_how_to_declare(name)}. Pictures without the cover, in bare/, would decide."
         )
 
 
@@ -75,13 +74,19 @@ def _more_probable(case: Case, stated: float) -> Iterator[Reason]:
     times = f"10^{power}" if power < MAX_POWER else f"more than 10^{MAX_POWER}"
     sentence = (
         f"the pictures do not fit this cover with {medium_word(stated)} outside of it. Either they"
-        f" were taken in {name} ({times} times as probable): write outside_index: {MEDIA[name]:g}"
-        f" under cover in session.yaml, or add --outside-index {MEDIA[name]:g}. Or the cover has"
-        " another shape or size than declared: try --cover unknown."
+        f" were taken in {name} ({times} times as probable): {_how_to_declare(name)}. Or the"
+        " cover has another shape or size than declared: try --cover unknown."
     )
     suspects = (case.calibration.declared.cover.medium_name,)
-    command = case.next.fit("--outside-index", f"{MEDIA[name]:g}")
+    command = case.next.fit_in(MEDIA[name])
     yield Reason(sentence, command, suspects, Trust.DO_NOT_USE)
+
+
+def _how_to_declare(name: str) -> str:
+    index = f"{MEDIA[name]:g}"
+    return (
+        f"write outside_index: {index} under cover in session.yaml, or add --outside-index {index}"
+    )
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

@@ -8,10 +8,12 @@ from pathlib import Path
 
 from calib.calibration import Calibration
 from calib.corners.view import pose_labels
+from calib.errors import InputError
 from calib.fit_record.request import CommandOptions, Settings
 from calib.inference.cross_validation import MIN_CONFIRMING_VIEWS
 from calib.io.images import frames_folder
 from calib.io.numerals import depth_text
+from calib.io.output_folder import OutputFolder
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +83,16 @@ class NextCommands:
         if self.folder != self.session / "calibration":
             words += ["-o", str(self.folder)]
         return shlex.join([*words, *options])
+
+    def fit_in(self, outside_index: float) -> str:
+        """Return the same fit in another medium. Only a session.yaml that calib wrote is changed by
+        options; another one is to be corrected first.
+        """
+        try:
+            takes_options = OutputFolder(self.session).owns("session.yaml")
+        except (InputError, OSError):
+            takes_options = False
+        return self.fit("--outside-index", f"{outside_index:g}") if takes_options else self.fit()
 
     def capture(self) -> str:
         """Return the command that records more views, or that fits them when they are there."""

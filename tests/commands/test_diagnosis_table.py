@@ -79,3 +79,16 @@ def test_the_error_as_given_has_its_name(
     assert "0.266 px" in rows[0]
     assert "before, with a flat board" in rows[1]
     assert "0.291 px" in rows[1]
+    assert "after, with those found" in rows[2]
+
+
+def test_a_diagnosis_that_found_nothing_has_one_error(
+    plain: Calibration, capsys: pytest.CaptureFixture[str]
+) -> None:
+    error = Quality(0.224, 0.0177, 0.291)
+    print_diagnosis(Diagnosis(0.016, "", (), (), (), error, error, 0.0, "", ()), plain)
+    lines = capsys.readouterr().out.splitlines()
+    rows = [line for line in lines if " px" in line]
+    assert len(rows) == 2, "the error and the noise"
+    assert "of the calibration" in rows[0]
+    assert lines[-2] == "What was considered", "no columns without figures"

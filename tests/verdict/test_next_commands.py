@@ -6,6 +6,7 @@ from pathlib import Path
 
 from calib.calibration import Calibration
 from calib.fit_record.request import CommandOptions, Provenance, Settings
+from calib.io.output_folder import OutputFolder
 from calib.verdict.next_commands import NextCommands
 
 
@@ -63,6 +64,16 @@ def test_no_diagnosis_is_proposed_of_too_few_views(good: Calibration) -> None:
     assert NextCommands.of(good, None, None, ()).diagnosable
     few = replace(good, views=good.views[:9])
     assert not NextCommands.of(few, None, None, ()).diagnosable
+
+
+def test_options_change_the_medium_of_a_session_that_calib_described(tmp_path: Path) -> None:
+    commands = NextCommands(tmp_path, tmp_path / "calibration", Settings())
+    assert commands.fit_in(1.333) == commands.fit(), "nothing is there"
+    (tmp_path / "session.yaml").write_text("format: 1\n")
+    assert commands.fit_in(1.333) == commands.fit(), "it is the user's own"
+    (tmp_path / "session.yaml").unlink()
+    OutputFolder(tmp_path).write("session.yaml", "format: 1\n")
+    assert commands.fit_in(1.333) == commands.fit("--outside-index", "1.333")
 
 
 def test_a_fit_makes_its_maps_again() -> None:
