@@ -10,6 +10,7 @@ from calib.calibration import Calibration
 from calib.calibration_content import Stage
 from calib.effects.board_shape import BoardShape
 from calib.effects.thickness import Thickness
+from calib.fitting.corner_range import emptiest_region
 from calib.fitting.cover_section import cover_section
 from calib.fitting.description import COLUMNS, PRINTED_COLUMNS, calibrated_numbers, describe
 from calib.session.schema import Number
@@ -61,6 +62,18 @@ def test_a_focal_length_that_is_hardly_known_is_marked(plain: Calibration) -> No
     assert rows["camera.fx"][3] == "hardly known"
     assert rows["camera.fy"][3] != "hardly known"
     assert any(note.startswith("hardly known: ") for note in table.notes)
+
+
+def test_the_emptiest_part_of_the_picture_has_its_name(plain: Calibration) -> None:
+    step = HEIGHT / 24
+    x, y = np.meshgrid(np.arange(0, WIDTH, step), np.arange(0, HEIGHT, step))
+    corners = np.column_stack([x.ravel(), y.ravel()])
+    assert emptiest_region(plain, corners) == ""
+    fractions = corners / [WIDTH, HEIGHT]
+    at_left = (fractions[:, 0] < 0.31) & (abs(fractions[:, 1] - 0.5) < 0.16)
+    assert emptiest_region(plain, corners[~at_left]) == "at the left edge"
+    few = at_left & (fractions[:, 0] < 0.05)
+    assert emptiest_region(plain, corners[~few]) == "", "a column of cells is not many"
 
 
 def test_a_lens_has_its_model_and_its_coefficients() -> None:

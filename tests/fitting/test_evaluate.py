@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from calib.cli import main
+from calib.commands.console import print_evaluation
+from calib.fitting.evaluate import Evaluation
 from fixtures.synthetic import HEIGHT, WIDTH, scene
 from tests.test_calibration import write_session
 
@@ -105,3 +107,14 @@ def test_another_camera_mode_is_refused(
     (held_out_session / "session.yaml").write_text(text)
     assert main(["evaluate", str(fitted / "calibration"), str(held_out_session)]) == 2
     assert "evaluate with a session of the calibrated camera mode" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("held_out_px", "fitted_views", "agrees"), [(0.11, 0, True), (0.13, 0, False), (0.11, 5, False)]
+)
+def test_held_out_views_that_fit_as_well_are_said_to(
+    held_out_px: float, fitted_views: int, agrees: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    evaluation = Evaluation(held_out_px, 0.0, 5, (), 0.4, 1.0, (), fitted_views=fitted_views)
+    print_evaluation(evaluation, 0.1, wide=False)
+    assert ("the held-out views fit as well" in capsys.readouterr().out) == agrees

@@ -25,9 +25,12 @@ from calib.session.cover import Cover
 from calib.session.numbers import numbers_of
 from calib.session.schema import Number
 from calib.verdict.judge import judge
+from calib.verdict.unknown_numbers import unknown_numbers
 from calib.verdict.verdict import Trust
 from fixtures.calibrated import CAMERA, calibrated, with_outcome
-from fixtures.synthetic import COVERS, INTRINSICS, Scene, bare_views, scene
+from fixtures.known import known
+from fixtures.synthetic import COVERS, HEIGHT, INTRINSICS, WIDTH, Scene, bare_views, scene
+from tests.verdict.cases import asked
 
 SETTINGS = Settings(grid=EVEN_GRID, flat_board=True)
 MAX_DEVIATION = 2.5
@@ -100,6 +103,27 @@ def test_number_that_the_views_do_not_tell_keeps_its_wide_sigma_and_the_verdict_
     assert any(
         "pictures do not determine cover.thickness" in sentence for sentence in verdict.sentences
     )
+
+
+@pytest.mark.parametrize(
+    ("index", "names", "advice"),
+    [
+        (1.0, ["z"], "measure it: in air, more pictures hardly show it."),
+        (1.333, ["z"], "measure it, or take pictures of the board near and tilted."),
+        (1.0, ["x", "z"], "measure it: in air, more pictures hardly show it."),
+    ],
+)
+def test_more_pictures_hardly_show_the_centre_of_a_dome_in_air(
+    index: float, names: list[str], advice: str
+) -> None:
+    dome = COVERS["dome"][0].replace_numbers({"cover.outside_index": Number(index)})
+    centre = {f"cover.centre.{name}": Number(0.0, 0.03) for name in names}
+    unknown = {name: replace(number, unknown=True) for name, number in centre.items()}
+    calibration = known(scene(1, views=1, cover=dome.replace_numbers(centre)), WIDTH, HEIGHT)
+    stated = replace(calibration.declared, cover=dome.replace_numbers(unknown))
+    (reason,) = asked(unknown_numbers, replace(calibration, stated=stated), depths=(0.5,))
+    assert reason.sentence.endswith(advice)
+    assert reason.maps_hold
 
 
 def test_verdict_is_silent_about_an_unknown_number_that_the_views_tell() -> None:

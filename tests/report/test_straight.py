@@ -49,6 +49,7 @@ def test_lines_that_bend_become_straight(reported: Reported) -> None:
     assert most_bent(straight) < 0.2, "places are written to a tenth of a pixel"
     assert re.findall(r'aria-label="([^:"]+)', html) == ["As taken", "Undistorted"]
     assert len(re.findall(r"data:image/jpeg", html)) == 2
+    assert "Stripes: what the camera does not see." in html
     assert len(html) < 300_000
 
 

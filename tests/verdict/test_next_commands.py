@@ -7,6 +7,7 @@ from pathlib import Path
 from calib.calibration import Calibration
 from calib.fit_record.request import CommandOptions, Provenance, Settings
 from calib.io.output_folder import OutputFolder
+from calib.verdict.case import Case
 from calib.verdict.next_commands import NextCommands
 
 
@@ -74,6 +75,14 @@ def test_options_change_the_medium_of_a_session_that_calib_described(tmp_path: P
     (tmp_path / "session.yaml").unlink()
     OutputFolder(tmp_path).write("session.yaml", "format: 1\n")
     assert commands.fit_in(1.333) == commands.fit("--outside-index", "1.333")
+
+
+def test_a_calibration_is_used_at_the_depth_of_its_fit(good: Calibration) -> None:
+    commands = NextCommands(Path("s"), Path("s/calibration"), Settings())
+    median = Case(good, (), commands, None, "HOLDOUT").main_depth
+    assert 0.35 < median < 1.2
+    fitted = replace(commands, depths=(0.6, 2.0))
+    assert Case(good, (), fitted, None, "HOLDOUT").main_depth == 0.6
 
 
 def test_a_fit_makes_its_maps_again() -> None:
