@@ -14,6 +14,11 @@ GRACE_S = 5.0
 """The time in s that the app gets to end by itself."""
 
 
+def is_served() -> bool:
+    """True if a process serves this one."""
+    return bool(os.environ.get(SERVER))
+
+
 def end_with_server() -> None:
     """Watch the server from now on, if there is one."""
     if number := os.environ.get(SERVER, ""):

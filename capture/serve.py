@@ -245,19 +245,13 @@ def _size(requested: dict[str, object]) -> dict[str, int]:
     return {"width": 80, "height": 24} | size
 
 
-def serve(session: Path, source: str, host: str, port: int, apps: int = 1) -> None:
-    """Serve until Ctrl-C; InputError if the address cannot be used."""
+def serve(arguments: Sequence[str], host: str, port: int, apps: int = 1) -> None:
+    """Serve the screen that `capture` shows for these arguments until Ctrl-C; InputError if the
+    address cannot be used.
+    """
     listening = open_sockets(host, port)
     os.environ[SERVER] = str(os.getpid())
-    command = [
-        "exec",
-        sys.executable,
-        "-m",
-        "capture",
-        "ui",
-        str(session),
-        *(["--source", source] if source else []),
-    ]
+    command = ["exec", sys.executable, "-m", "capture", *arguments]
     token = None if is_loopback(host) else secrets.token_urlsafe(24)
     server = GuardedServer(shlex.join(command), host, port, token, apps)
     logging.getLogger("textual-serve").setLevel(logging.WARNING)

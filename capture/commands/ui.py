@@ -1,14 +1,20 @@
 """The command `capture ui`."""
 
+from __future__ import annotations
+
 import argparse
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from calib.commands.arguments import positive_number, quoted
 from calib.commands.board_options import add_coding
 from calib.io.numerals import whole_number
 from capture.commands.corner_counts import corner_counts
 from capture.commands.screen_options import add_screen, check_screen_options, record_screen
+
+if TYPE_CHECKING:
+    from capture.tui.app import CaptureApp
 
 SUMMARY = "Start the terminal UI, a guide to a calibration. `capture SESSION` is short for it."
 DESCRIPTION = """
@@ -92,18 +98,27 @@ def run(args: argparse.Namespace) -> None:
         from capture.session_file import board_of
 
         board_of(args.session, None)
-    if args.serve:
+    if not _serve(args):
+        from capture.tui.app import CaptureApp
+
+        _run_app(CaptureApp(args.session, source))
+
+
+def _serve(args: argparse.Namespace) -> bool:
+    """Serve the screen if that is asked for. In the process that is served, return False."""
+    from capture.orphan import end_with_server, is_served
+
+    if args.serve and not is_served():
         from capture.serve import serve
 
-        serve(args.session, source, args.host, args.port, args.apps)
-        return
+        serve(args.words, args.host, args.port, args.apps)
+        return True
     _check_terminal()
-    from capture.orphan import end_with_server
-
     end_with_server()
-    from capture.tui.app import CaptureApp
+    return False
 
-    app = CaptureApp(args.session, source)
+
+def _run_app(app: CaptureApp) -> None:
     app.run()
     if not app.is_web:
         print(*app.farewell, sep="\n")
@@ -122,26 +137,18 @@ def _refuse_rig_options(args: argparse.Namespace) -> None:
 
 def _run_rig(args: argparse.Namespace) -> None:
     from calib.commands.board_options import board_from_options
-    from calib.errors import InputError
     from capture.rig.rig_folder import RigFolder
     from capture.rig.rig_setup import RigSetup, read_likes
     from capture.rig.rig_sources import open_sources
 
-    if args.serve:
-        raise InputError(
-            "--serve shows one camera: record a rig in a terminal, without --serve, or without a"
-            " screen by capture record."
-        )
     cameras = tuple(open_sources(args.source))
     rig = RigFolder.of(args.session, cameras)
     likes = read_likes(args.cover_from or (), cameras)
     board = rig.board(board_from_options(args), likes)
-    _check_terminal()
-    from capture.tui.rig_app import RigApp
+    if not _serve(args):
+        from capture.tui.rig_app import RigApp
 
-    app = RigApp(RigSetup(rig, tuple(args.source), board, likes))
-    app.run()
-    print(*app.farewell, sep="\n")
+        _run_app(RigApp(RigSetup(rig, tuple(args.source), board, likes)))
 
 
 def _port(text: str) -> int:

@@ -25,12 +25,11 @@ from capture.tui.camera import Task
 from capture.tui.check import CheckScreen
 from capture.tui.check_source import CheckSourceScreen, playback_folder
 from capture.tui.check_views import CheckViewsScreen, next_folder
-from capture.tui.collect import CollectScreen
 from capture.tui.downloads import Download, find_downloads
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import farewell_lines
 from capture.tui.fit import FitScreen
-from capture.tui.page import Page
+from capture.tui.page import Page, ToneRequested
 from capture.tui.page_driver import PageDriver
 from capture.tui.phone import PageRequest, Phone
 from capture.tui.results import ResultsScreen
@@ -127,8 +126,8 @@ class CaptureApp(App[None]):
             self._phone.handle_request(message.request)
             self.on_phone = self._driver.muted
 
-    @on(CollectScreen.ToneRequested)
-    def _send_tone(self, message: CollectScreen.ToneRequested) -> None:
+    @on(ToneRequested)
+    def _send_tone(self, message: ToneRequested) -> None:
         if self._phone:
             self._phone.send_tone(message.tone)
 

@@ -31,7 +31,7 @@ from capture.tui.fit_requirements import find_missing, no_board_advice
 from capture.tui.lens import ENOUGH_BARE_VIEWS
 from capture.tui.live_undistortion import LiveUndistortion
 from capture.tui.opening import OpeningScreen
-from capture.tui.page import DOTS, HELP_AND_QUIT, Line
+from capture.tui.page import DOTS, HELP_AND_QUIT, Line, ToneRequested
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
 from capture.tui.start_warnings import too_few_views_warning
@@ -83,13 +83,6 @@ class CollectScreen(WatchingPage, UndistortionPage):
             self.frame = frame
             self.undistortion = undistortion
             self.preview = undistortion.preview(frame) if undistortion else frame
-
-    class ToneRequested(Message):
-        """An event with a tone: taken, refused or enough."""
-
-        def __init__(self, tone: str) -> None:
-            super().__init__()
-            self.tone = tone
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)
@@ -206,7 +199,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
             self.view_corners.append(step.detection.corners)
             self._taken_pictures += 1
             self.app.bell()
-            self.post_message(self.ToneRequested("taken"))
+            self.post_message(ToneRequested("taken"))
             action = "Move the board to the next place." if self._has_person else step.frame.name
             self.say(f"TAKEN: view {len(self.view_corners)}. {harmless(action)}".strip(), TAKEN_S)
             self.refresh_bindings()
@@ -221,7 +214,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
         if refusal_reason(step) != self._refusal:
             self._refusal = refusal_reason(step)
             if self._refusal and self._has_person:
-                self.post_message(self.ToneRequested("refused"))
+                self.post_message(ToneRequested("refused"))
         if step.frame.isolated:  # a photograph stays on the screen until the next one
             self._draw()
         self._remarks = recording.remarks
@@ -279,7 +272,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
         has_ended = not self.recording and (self.plan.bare or is_recorded_source(self.plan.source))
         is_enough = self.is_enough(progress)
         if is_enough and not self._enough:
-            self.post_message(self.ToneRequested("enough"))
+            self.post_message(ToneRequested("enough"))
         self._enough = is_enough
         self._hint = None if has_ended or is_enough or not self._has_person else hint
         text = f"Next: {self._hint.instruction}." if self._hint else ""

@@ -79,9 +79,9 @@ def describe_screen(app: App[Any]) -> dict[str, object]:
     return {
         "screen": screen_id(screen),
         "step": pages[-1].step() if pages else "",
-        "steps": list(STEPS),
+        "steps": list(STEPS) if pages and pages[-1].step() in STEPS else [],
         "blocks": blocks,
-        "picture": bool(screen.query(Picture)),
+        "pictures": len(screen.query(Picture)),
         "focus": name_of(focused) if isinstance(focused, Input | Select) else "",
         "keys": _buttons(
             _shown_bindings(screen), pages[-1].early_actions if pages else frozenset()

@@ -79,6 +79,14 @@ class ChildReported(Message):
         self.event = event
 
 
+class ToneRequested(Message):
+    """An event with a tone: taken, refused or enough."""
+
+    def __init__(self, tone: str) -> None:
+        super().__init__()
+        self.tone = tone
+
+
 class Page(Screen[bool]):
     """A step on the way from nothing to a calibration."""
 

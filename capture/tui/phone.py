@@ -7,19 +7,22 @@ page has drawn the last but one, so a slow connection gets fewer pictures, and n
 
 import asyncio
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import quote
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from textual.app import App
 from textual.events import Key
 from textual.message import Message
 from textual.widgets import Input, OptionList, Select
 
-from capture.tui.cells import Mark
+from capture.tui.camera import Preview
+from capture.tui.cells import LINE_MARK, Mark
 from capture.tui.downloads import Download
 from capture.tui.mirror import (
     character_of,
@@ -70,8 +73,8 @@ class Phone:
         self._app, self._connection = app, connection
         self._downloads = downloads
         self._last_content: dict[str, object] = {}
-        self._picture: tuple[int, int] = (0, -1)
-        """The widget whose picture was sent last, and the number of that picture."""
+        self._pictures: list[tuple[int, int]] = []
+        """The widgets whose pictures were sent last, each with the number of its picture."""
         self._offers: dict[Download, str] = {}
         """The key of each offer, which the server knows."""
         self._sent = self._drawn = 0
@@ -117,7 +120,7 @@ class Phone:
 
     def _view(self, shown: bool) -> None:
         self._connection.muted = shown
-        self._last_content, self._picture, self._sent, self._drawn = {}, (0, -1), 0, 0
+        self._last_content, self._pictures, self._sent, self._drawn = {}, [], 0, 0
         self._app.workers.cancel_group(self._app, "phone")
         if shown:
             self._app.run_worker(
@@ -149,20 +152,21 @@ class Phone:
 
     async def _send_picture(self) -> None:
         screen = self._app.screen
-        picture = next(iter(screen.query(Picture)), None)
-        if (
-            picture is None
-            or self._sent - self._drawn >= MAX_PENDING
-            or (shown := (id(picture), picture.updates)) == self._picture
-        ):
+        pictures = list(screen.query(Picture))
+        shown = [(id(picture), picture.updates) for picture in pictures]
+        if self._sent - self._drawn >= MAX_PENDING or shown == self._pictures:
             return
-        self._picture = shown
-        preview, marks = picture.preview, picture.marks
-        if preview is None:
+        self._pictures = shown
+        parts = [
+            (picture.preview, [*picture.marks, *_name_mark(picture)])
+            for picture in pictures
+            if picture.preview is not None
+        ]
+        if not parts:
             return
-        jpeg = await asyncio.to_thread(encode_jpeg, preview.image)
+        image, (width, height), marks = stack_pictures(parts)
+        jpeg = await asyncio.to_thread(encode_jpeg, image)
         self._sent += 1
-        width, height = preview.size
         over = [_mark_data(mark) for mark in marks]
         self._connection.send_content(
             {
@@ -174,6 +178,40 @@ class Phone:
             }
         )
         self._connection.send_picture(jpeg)
+
+
+def stack_pictures(
+    parts: Sequence[tuple[Preview, Sequence[Mark]]],
+) -> tuple[NDArray[np.uint8], tuple[int, int], list[Mark]]:
+    """Return pictures as one, above one another and equally wide: the image, the width and height
+    in px of the widest frame, and the marks there.
+    """
+    if len(parts) == 1:
+        ((preview, marks),) = parts
+        return preview.image, preview.size, list(marks)
+    image_width = max(preview.image.shape[1] for preview, _ in parts)
+    width = max(preview.size[0] for preview, _ in parts)
+    images: list[NDArray[np.uint8]] = []
+    moved: list[Mark] = []
+    top = 0
+    for preview, marks in parts:
+        height = round(image_width * preview.size[1] / preview.size[0])
+        scaled = cv2.resize(preview.image, (image_width, height), interpolation=cv2.INTER_AREA)
+        grey = scaled.ndim == 2
+        images.append(np.asarray(cv2.cvtColor(scaled, cv2.COLOR_GRAY2BGR) if grey else scaled))
+        shift = np.array([0.0, top * width / image_width])
+        for mark in marks:
+            points = (mark.points + 0.5) * (width / preview.size[0]) - 0.5 + shift
+            moved.append(replace(mark, points=points))
+        top += height
+    return np.concatenate(images), (width, round(top * width / image_width)), moved
+
+
+def _name_mark(picture: Picture) -> Iterator[Mark]:
+    """Yield the label of a picture that has a name."""
+    if picture.name and picture.preview:
+        width, height = picture.preview.size
+        yield Mark(LINE_MARK, np.array([[width / 2, height / 12]]), label=picture.name)
 
 
 def encode_jpeg(image: np.ndarray) -> bytes:

@@ -27,9 +27,11 @@ class RigRun:
         shutter: ShutterButton,
         show: Callable[[str, Preview], object],
         on_silence: Callable[[str, float], object],
+        sharp: Callable[[], bool] = lambda: False,
     ) -> None:
-        """`show` gets the frames of each camera, and `on_silence` the camera and the seconds
-        without a frame. Each is called from its own thread.
+        """`show` gets the frames of each camera, in the phone's size if `sharp` says so at that
+        moment; `on_silence` gets the camera and the seconds without a frame. Each is called from
+        its own thread.
         """
         self.remarks: Sequence[str] = ()
         """Sentences that a person should know about this recording."""
@@ -39,6 +41,7 @@ class RigRun:
         self._setup = setup
         self._shutter = shutter
         self._show = show
+        self._sharp = sharp
         self._last_s: dict[str, float] = {}
         self._reader = RigReader(open_sources(setup.sources), on_silence, self._preview)
 
@@ -74,7 +77,7 @@ class RigRun:
                 ]
                 if not reader.live:
                     for name, frame in step.moment.frames.items():
-                        self._show(name, Preview.of(frame.pixels))
+                        self._show(name, Preview.of(frame.pixels, sharp=self._sharp()))
                 yield step
 
     def close(self) -> None:
@@ -84,4 +87,4 @@ class RigRun:
     def _preview(self, name: str, frame: Frame) -> None:
         if frame.time_s - self._last_s.get(name, -1.0) >= INTERVAL_S:
             self._last_s[name] = frame.time_s
-            self._show(name, Preview.of(frame.pixels))
+            self._show(name, Preview.of(frame.pixels, sharp=self._sharp()))

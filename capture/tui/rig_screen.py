@@ -13,7 +13,7 @@ from textual.containers import Horizontal, Vertical
 from textual.events import ScreenResume
 from textual.message import Message
 
-from calib.errors import RefracalError
+from calib.errors import RefracalError, harmless
 from capture.errors import CaptureError
 from capture.narrator import silence_sentence
 from capture.recording_loop import ShutterButton
@@ -24,7 +24,7 @@ from capture.rig.rig_setup import RigSetup
 from capture.tui.camera import Preview
 from capture.tui.cells import CORNER_MARK, HINT_MARK, Mark
 from capture.tui.collect import RETRY_S, TAKEN_S
-from capture.tui.page import DOTS, HELP_AND_QUIT, Line, Page
+from capture.tui.page import DOTS, HELP_AND_QUIT, Line, Page, ToneRequested
 from capture.tui.picture import Picture
 from capture.tui.rig_run import RigRun
 
@@ -111,6 +111,7 @@ class RigScreen(Page):
         self._previews: dict[str, Preview] = {}
         self._detected: Corners = {}
         self._message_until = 0.0
+        self._enough = False
         self._guide: RigGuide | None = None
         self._advised = -1  # views
         self._advising = False
@@ -119,6 +120,10 @@ class RigScreen(Page):
     def shared_count(self) -> int:
         """The number of views that several cameras share."""
         return sum(len(view) > 1 for view in self.views)
+
+    @property
+    def _next_command(self) -> str:
+        return harmless(f"Then: {self.setup.rig.fit_command}.")
 
     def step(self) -> str:
         return "Rig"
@@ -131,7 +136,7 @@ class RigScreen(Page):
             for name in self.setup.rig.sessions:
                 with Vertical():
                     yield Line(name, classes="name", markup=False)
-                    yield Picture(id=f"picture-{name}")
+                    yield Picture(id=f"picture-{name}", name=name)
         yield Line("The cameras are being opened.", id="verdict", classes="banner", markup=False)
         yield Line(id="next", markup=False)
         yield Line(id="progress", markup=False)
@@ -146,12 +151,14 @@ class RigScreen(Page):
     def _start(self) -> None:
         if self._recording is not None or not self.is_current:
             return
+        picture = self.query(Picture).first()
         try:
             self._recording = RigRun(
                 self.setup,
                 self._shutter,
                 lambda name, preview: self.post_message(self.FrameArrived(name, preview)),
                 lambda name, seconds: self.post_message(self.SourceSilent(name, seconds)),
+                sharp=lambda: picture.phone,
             )
         except RefracalError as error:
             self.say(str(error))
@@ -210,6 +217,7 @@ class RigScreen(Page):
             }
             self.views.append(view)
             self.app.bell()
+            self.post_message(ToneRequested("taken"))
             alone = f", for {next(iter(view))} alone" if len(view) == 1 else ""
             self.say(
                 f"TAKEN: view {len(self.views)}{alone}. Move the board to the next place.", TAKEN_S
@@ -232,7 +240,9 @@ class RigScreen(Page):
             self.say(f"{message.sentence} It is tried again every 3 s.")
             self.set_timer(RETRY_S, self._start)
         else:
-            self.say(f"{message.sentence} Press o to try again, q to end and see what is next.")
+            self.say(f"{message.sentence} Press o to try again, q to end.")
+            if self.views:
+                self.query_one("#notes", Line).say(self._next_command)
 
     @on(AdviceReady)
     def _show_advice(self, message: AdviceReady) -> None:
@@ -244,7 +254,10 @@ class RigScreen(Page):
         self.query_one("#progress", Line).say(progress.sentence)
         text = f"Next, {self._hint.instruction}." if self._hint else ""
         if progress.is_enough:
-            text = "ENOUGH: q ends, and says the next command. More views do no harm."
+            text = f"ENOUGH: q ends. {self._next_command} More views do no harm."
+            if not self._enough:
+                self.post_message(ToneRequested("enough"))
+        self._enough = progress.is_enough
         self.query_one("#next", Line).say(text)
         for name in self.setup.rig.sessions:
             self._draw(name)

@@ -14,7 +14,7 @@ export function expect(said) {
 
 /** Show the picture only on the screen that it belongs to. */
 export function pictureOf(said) {
-  screen = said.picture ? said.screen : "";
+  screen = said.pictures ? said.screen : "";
   box.hidden = !screen || drawnFor !== screen;
 }
 

@@ -34,7 +34,8 @@ export function drawScreen(said) {
   const now = said.steps.indexOf(said.step);
   byId("steps").replaceChildren(...said.steps.map((step, place) =>
     make("li", {className: place < now ? "past" : place === now ? "now" : "", textContent: step})));
-  page.classList.toggle("pictured", said.picture);
+  page.classList.toggle("pictured", said.pictures > 0);
+  page.classList.toggle("rig", said.pictures > 1);
   page.classList.toggle("results", screen.startsWith("Results"));
 
   const form = said.blocks.some((each) => each.kind === "field"); // its fields keep their places while somebody types

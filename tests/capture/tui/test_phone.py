@@ -18,6 +18,7 @@ import pytest
 pytest.importorskip("textual_serve", reason="the extra `serve` is not installed")
 
 from tests.capture.recordings import write_recording
+from tests.capture.rig.pair_recordings import BOARD_FLAGS, SHARED, record, resting
 from tests.capture.tui.browser import CHROMIUM
 from tests.capture.tui.driving import CONE
 from tests.capture.tui.test_serve import Served
@@ -361,6 +362,44 @@ async def _both_phases(address: str, size: tuple[int, int], source: Path, folder
             await phone.until(VISIBLE % script)
         await _keep(phone, "phase-covered", size)
         assert phone.complaints == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [SIZE, (360, 640)])
+def test_a_rig_by_touch(tmp_path: Path, size: tuple[int, int]) -> None:
+    """Both pictures stand above one another, each with its name and its marks, and the page says
+    the next command.
+    """
+    sources = []
+    for name in ("left", "right"):
+        times = [k * 0.25 for k in range(2 * len(SHARED))]
+        record(tmp_path / name, name, times, resting(SHARED))
+        sources += ["--source", f"{name}=folder:{tmp_path / name}?speed=max"]
+    served = Served(tmp_path / "rig", *sources, *BOARD_FLAGS)
+    tried(_rig(served.address, tmp_path, size), served)
+    for name in ("left", "right"):
+        assert len(list((tmp_path / "rig" / name / "frames").glob("*.png"))) == len(SHARED)
+
+
+async def _rig(address: str, folder: Path, size: tuple[int, int]) -> None:
+    async with telephone(address, folder / "profile", size) as phone:
+        await phone.see("The sources have no more pictures. Touch Reopen to try again")
+        await phone.see(f"Then: calib rig fit {folder}/rig")
+        await phone.see("left: 4 views right: 4 views")
+        for label in ("left", "right", "HOLD IT HERE"):
+            await phone.until(
+                f"document.querySelector('#picture svg').textContent.includes('{label}')"
+            )
+        shape = "(({naturalWidth, naturalHeight}) => naturalHeight / naturalWidth)"
+        ratio = await phone.evaluate(f"{shape}(document.querySelector('#picture img'))")
+        assert isinstance(ratio, float)
+        assert ratio == pytest.approx(1.5, rel=0.01)  # two pictures of 4 by 3
+        assert await phone.sees_whole(CALL.format("verdict"))
+        await _keep(phone, "rig", size)
+        await phone.press("a")
+        await phone.tap("document.getElementById('more')")
+        await phone.tap("document.getElementById('quit')")
+        await phone.until("document.body.classList.contains('-closed')")
 
 
 async def _keep(phone: Telephone, name: str, size: tuple[int, int] = SIZE) -> None:

@@ -17,7 +17,9 @@ pytest.importorskip("textual_serve", reason="the extra `serve` is not installed"
 
 from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType
 
-from capture.tui.phone import MAX_PENDING
+from capture.tui.camera import Preview
+from capture.tui.cells import Mark
+from capture.tui.phone import MAX_PENDING, stack_pictures
 from tests.capture.recordings import noise, write_recording
 from tests.capture.tui.test_serve import Served
 from tests.capture.tui.test_session import FIXTURE
@@ -176,3 +178,26 @@ def test_pictures_come_as_fast_as_they_are_drawn(tmp_path: Path) -> None:
         assert [frame["number"] for frame in page.frames] == list(range(1, len(page.frames) + 1))
 
     tried(Served(session, "--source", f"folder:{recording}"), story)
+
+
+def test_marks_move_with_stacked_pictures() -> None:
+    """A mark on a bright spot of its frame is on that spot of the stacked picture, for frames of
+    other sizes, grey and in colour.
+    """
+    frames = [np.zeros((480, 640), np.uint8), np.zeros((600, 1200, 3), np.uint8)]
+    spots = [(200, 120), (900, 420)]
+    for frame, (x, y) in zip(frames, spots, strict=True):
+        frame[y - 20 : y + 21, x - 20 : x + 21] = 255
+    parts = [
+        (Preview.of(frame, sharp=True), [Mark("+", np.array([spot], np.float64), label="a")])
+        for frame, spot in zip(frames, spots, strict=True)
+    ]
+    image, (width, height), marks = stack_pictures(parts)
+    assert (width, height) == (1200, 900 + 600)
+    assert image.shape[1] / image.shape[0] == pytest.approx(width / height, rel=0.01)
+    scale = width / image.shape[1]
+    for mark, top, bottom in zip(marks, (0, 900), (900, 1500), strict=True):
+        rows, columns = np.nonzero(image[round(top / scale) : round(bottom / scale), :, 0] > 127)
+        centre = (np.array([columns.mean(), rows.mean()]) + 0.5) * scale - 0.5 + [0, top]
+        np.testing.assert_allclose(mark.points[0], centre, atol=2 * scale)
+        assert mark.label == "a"
