@@ -15,10 +15,14 @@ from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.fitting.rounding import with_sigma
 
+UNNAMED = ("unknown", "other_camera")
+"""The names of changes that an estimate of this calibration's numbers does not describe."""
 NOISY = 1.3
 """The ratio to the noise of the calibration's own corners above which the noise is reported."""
 MIN_VIEWS = 3
 """The fewest views that a check should have."""
+LEAST_PX = 0.001
+"""The smallest error that a sentence states."""
 SMALLEST_P = 1e-99
 """The smallest printed p-value; smaller ones underflow."""
 
@@ -41,13 +45,15 @@ def next_command(
 ) -> str:
     """Return the command to type next: a diagnosis of a calibration that lacks an effect; a new
     recording if the pictures are a recorded session's, and the calibration is not valid or was
-    fitted to most of them; a fit of pictures that cannot be compared; otherwise a report.
+    fitted to most of them; a fit of pictures that cannot be compared, or whose change has no name;
+    otherwise a report.
     """
     if result.lacking and not updated:
         return f"calib diagnose {shlex.quote(str(calibration))}"
     session = pictures[0]
     is_recorded = (session / "session.yaml").is_file() and (session / "frames").is_dir()
-    if result.statistics is None and not is_recorded:
+    is_unnamed = bool(result.changes) and result.changes[0].name in UNNAMED
+    if not (is_recorded or updated) and (is_unnamed or result.statistics is None):
         return f"calib fit {shlex.join(map(str, pictures))}"
     is_checked = result.status is CheckStatus.VALID and not result.is_known
     if updated or is_checked or not is_recorded:
@@ -74,7 +80,7 @@ def result_lines(result: CheckResult, numbers: Sequence[NumberUpdate] = ()) -> I
 
 def _reasons(result: CheckResult) -> Iterator[str]:
     if result.statistics:
-        yield from _test_reasons(result.statistics, result.status)
+        yield from _test_reasons(result.statistics, result)
     alone = len(result.changes) == 1
     for change in result.changes:
         yield f"{change}." if alone else f"{100 * change.probability:.0f} %: {change}."
@@ -85,8 +91,8 @@ def _reasons(result: CheckResult) -> Iterator[str]:
         )
 
 
-def _test_reasons(statistics: CheckStatistics, status: CheckStatus) -> Iterator[str]:
-    count = statistics.views
+def _test_reasons(statistics: CheckStatistics, result: CheckResult) -> Iterator[str]:
+    count, status = statistics.views, result.status
     is_small = status is CheckStatus.VALID and statistics.p_value < ALPHA
     chance = f" (p {p_text(statistics.p_value)}; less than {ALPHA:g} is an alarm)"
     yield (
@@ -97,11 +103,12 @@ def _test_reasons(statistics: CheckStatistics, status: CheckStatus) -> Iterator[
     if is_small:
         yield (
             "something differs from the calibration's own views, but by too little to matter: it"
-            f" adds {statistics.added_px:.3f} px to the corners."
+            f" adds {max(statistics.added_px, LEAST_PX):.3f} px or less to the corners."
         )
     if status is not CheckStatus.VALID:
         yield f"the change adds {statistics.added_px:.3f} px to the corners."
-    if statistics.noise_ratio > NOISY:
+    is_unnamed = any(change.name in UNNAMED for change in result.changes)
+    if statistics.noise_ratio > NOISY and not is_unnamed:  # else it holds the change
         yield (
             f"the corners are {statistics.noise_ratio:.1f} times as noisy as those of the"
             " calibration: sharper pictures give a stricter check."

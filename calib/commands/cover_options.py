@@ -165,7 +165,7 @@ def cover_from_options(
         if not any(kind in shape.keys for kind in options[option]):
             allowed = [f"--{_option(kind)}" for kind in shape.keys]
             raise InputError(
-                f"--{option} is no number of --cover {shape.name}: leave it out"
+                f"--{option} does not belong to --cover {shape.name}: leave it out"
                 + (f", or write some of {', '.join(allowed)}." if allowed else ".")
             )
     same = earlier.get("shape") == shape.name

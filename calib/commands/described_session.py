@@ -98,13 +98,7 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     )
     from calib.session.session import read_session
 
-    is_described = bool(
-        has_cover_option(args)
-        or args.intrinsics
-        or args.board
-        or args.camera
-        or _board_options(args)
-    )
+    is_described = has_description(args)
     if len(args.session) == 1 and not is_described and _is_session(args.session[0]):
         return read_session(args.session[0])
     source = find_pictures(args.session)
@@ -131,6 +125,17 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     for notice in describe_pictures(source, board, cover, intrinsics, progress):
         print(harmless(f"calib: {notice}"), file=sys.stderr)
     return read_session(source.session)
+
+
+def has_description(args: argparse.Namespace) -> bool:
+    """True if the options describe pictures, so that a session.yaml is written for them."""
+    return bool(
+        has_cover_option(args)
+        or args.intrinsics
+        or args.board
+        or args.camera
+        or _board_options(args)
+    )
 
 
 def _earlier_values(

@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
     )
     if args.json:
         print_json(
-            {key: value for key, value in asdict(evaluation).items() if key != "rejected"}
+            {k: v for k, v in asdict(evaluation).items() if k not in ("rejected", "board")}
             | calibrated_numbers(calibration)
             | {"calibration": str(calibration_files(args.calibration)[0])}
             | verdict_mapping(verdict, [])

@@ -1,11 +1,14 @@
 """The command `calib fit`."""
 
 import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_camera, add_depths, add_output, add_overwrite, effects
-from calib.commands.described_session import add_description, session_of
+from calib.commands.described_session import add_description, has_description, session_of
 from calib.commands.effect_names import effect_names_help
 from calib.commands.fit_options import add_fit_options, settings_of
 from calib.commands.loading import fast_imports
@@ -61,7 +64,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    import sys
     import time
     from dataclasses import replace
 
@@ -98,7 +100,10 @@ def run(args: argparse.Namespace) -> None:
     settings = replace(settings_of(args), flat_board=flat)
     if effects != ("auto",):
         check_possible(session, settings, effects)
-    with FileSet(output, overwrite=args.overwrite, inputs=session.files) as files:
+    with (
+        _naming_description(session.path, written=has_description(args)),
+        FileSet(output, overwrite=args.overwrite, inputs=session.files) as files,
+    ):
         files.reserve([*FILES, *npz_file_names(args.depth), NAME])
         with Bars() as bars:
             calibration = fit(session, settings, bars)
@@ -142,6 +147,23 @@ def run(args: argparse.Namespace) -> None:
         print(remark, file=sys.stderr)
     if reached.refusals:
         raise InputError(f"The calibration is written, a map is not: {reached.refusals[0]}")
+
+
+@contextmanager
+def _naming_description(session: Path, *, written: bool) -> Iterator[None]:
+    """If there is no calibration, say that the session.yaml that the options gave remains."""
+    from calib.errors import RefracalError, harmless
+
+    try:
+        yield
+    except RefracalError:
+        if written and not (session / "calibration").exists():
+            remark = (
+                f"calib: {session / 'session.yaml'} has what your options say. If that is wrong,"
+                " type the command again with other values."
+            )
+            print(harmless(remark), file=sys.stderr)
+        raise
 
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:

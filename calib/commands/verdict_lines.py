@@ -26,7 +26,8 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     """
     console = Console(markup=False, highlight=False, soft_wrap=True)
     for path in written:
-        console.print(harmless(f"Wrote {path}"))
+        arrays = " and calibration.npz" if path.name == "calibration.yaml" else ""
+        console.print(harmless(f"Wrote {path}{arrays}"))
     console.print()
     console.print(verdict.headline, style=f"bold {COLOURS[verdict.word]}")
     for reason in verdict.reasons:

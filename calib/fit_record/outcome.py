@@ -121,8 +121,8 @@ class Uncertainty:
             return ""
         these = "this" if len(shares) == 1 else "these"
         return (
-            f"The result leans on {', '.join(shares)}: more pictures like {these} would make it"
-            " safer."
+            f"Much of the result comes from {', '.join(shares)}: more pictures like {these} would"
+            " make it safer."
         )
 
 

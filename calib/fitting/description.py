@@ -26,6 +26,7 @@ from calib.fitting.declared import (
 )
 from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.inference.calibration_model import without_own_bend
+from calib.session.freeing import AUTO
 from calib.session.lens import OPENCV
 from calib.session.parameter_names import CAMERA
 from calib.session.schema import UNKNOWN
@@ -55,8 +56,10 @@ NOTES = {
     VAGUE: "tilted boards, near and far, would measure it.",
 }
 """The explanations of the words in the fourth column."""
-NONE_FITTED = "None was fitted: as you asked, or they left their tolerances when free."
-"""The line that follows where no number was fitted."""
+HELD_AS_ASKED = "None was fitted, as you asked."
+HELD_BY_FIT = (
+    "None was fitted: when they are estimated, some leave their tolerances, so your values stand."
+)
 PRINTED_COLUMNS = 4
 """The columns that fit into 80 characters."""
 
@@ -92,10 +95,16 @@ def describe(calibration: CalibrationSource) -> Table:
     words = {row[3].partition(",")[0] for section in shown for row in section.rows}
     notes = (
         *(f"{word}: {note}" for word, note in NOTES.items() if word in words),
-        *([NONE_FITTED] if all(number.held for number in numbers) else []),
+        *([_why_held(calibration)] if all(number.held for number in numbers) else []),
         *effect_notes(calibration),
     )
     return Table("What was calibrated", COLUMNS, shown, notes)
+
+
+def _why_held(calibration: Calibration) -> str:
+    """Return why no number was fitted."""
+    may_free = AUTO in calibration.request.free
+    return HELD_BY_FIT if may_free else HELD_AS_ASKED
 
 
 def effect_notes(calibration: Calibration) -> Iterator[str]:

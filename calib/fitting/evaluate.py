@@ -25,6 +25,7 @@ from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.progress import Progress, Silent, check_progress
+from calib.session.board import Board
 from calib.session.session import Session, SessionSource
 from calib.threads import single_thread
 
@@ -77,6 +78,8 @@ class Evaluation:
     """The error of the views without the bad ones; None if there are none."""
     fitted_views: int = 0
     """The number of views that the calibration was fitted to, which are no test of it."""
+    board: Board | None = None
+    """The board that the session describes."""
 
 
 def evaluate(
@@ -156,6 +159,7 @@ def evaluate(
         bad_views=tuple(sorted(bad_views, key=lambda view: -view.rms_px)),
         other_views_rms_px=other_views.rms_px if bad_views else None,
         fitted_views=count_fitted(views, calibration.views),
+        board=session.board,
     )
 
 

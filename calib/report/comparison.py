@@ -43,9 +43,10 @@ def diagnosis_comparison(before: Calibration | None, after: Evidence) -> Drawing
     scales = ArrowScales.of(earlier, typical_length(over_image, over_board))
     return Drawing(
         "comparison",
-        "Residuals before and after the effects",
+        "Residuals of the first fit, and with the effects",
         "Mean residuals over the picture and over the board, and the distribution of all residuals:"
-        " before the effects were added, and with them, at the same scales."
+        " of the first fit, which has the board's bend if it found one, and with the effects that"
+        " the diagnosis found, at the same scales."
         f" {scales.caption} Last: the error of each view; below the diagonal it became smaller.",
         {
             "before": _side(earlier, over_image, over_board),

@@ -11,8 +11,9 @@ MAX_PANELS = 3
 def sigma_caption(evidence: Evidence) -> str:
     return (
         "Predicted sigma (standard deviation) of the undistorted position, x and y together, if"
-        " the model is right. It follows from the corners' noise and the prior on the glass. It"
-        " leaves out a common shift or turn of all rays, which pictures of a board cannot show."
+        " the model is right. It follows from the scatter of the corners and of the views, and"
+        " from what was declared. It leaves out a common shift or turn of all rays, which pictures"
+        " of a board cannot show."
         " Dots: corners. The titles give the median over them." + evidence.limit_caption
     )
 

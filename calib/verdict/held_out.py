@@ -1,13 +1,16 @@
 """Checks: the errors on held-out views of the fit's folds, and of an evaluation."""
 
+import math
 from collections.abc import Iterator
 
 from calib.fitting.corner_range import trusted_depths
 from calib.fitting.evaluate import Evaluation
 from calib.verdict.case import Case
-from calib.verdict.thresholds import HELD_OUT
-from calib.verdict.verdict import Reason
+from calib.verdict.thresholds import HELD_OUT, HELD_OUT_ELSEWHERE, MIN_ELSEWHERE
+from calib.verdict.verdict import Reason, Trust
 
+SAME_SIDE = 1e-3
+"""The relative difference below which two sides are the same, written or measured again."""
 MOST_BAD_VIEWS = 10
 """Views that a sentence names."""
 
@@ -41,18 +44,25 @@ def held_out(case: Case) -> Iterator[Reason]:
     if evaluation.bad_views and evaluation.other_views_rms_px is not None:
         error = evaluation.other_views_rms_px
         yield Reason(_describe_bad_views(evaluation, error), case.next.evaluate())
+    yield from _other_squares(case, evaluation)
     if error > HELD_OUT * case.left_px:
         note = (
-            ", some of them at depths of which the calibration's do not speak"
-            if extrapolated
-            else ""
+            ", some of them nearer or farther than the calibration's boards" if extrapolated else ""
         )
-        sentence = (
-            f"views that were not fitted have {error:.3f} px where the fitted ones have"
-            f" {case.left_px:.3f} px{note}: the model lacks something, or these views are of"
-            " another setup."
+        is_elsewhere = error > max(HELD_OUT_ELSEWHERE * case.left_px, MIN_ELSEWHERE)
+        advice = (
+            "do not use it for such pictures. They are of another camera, cover or board, or"
+            " something has moved."
+            if is_elsewhere
+            else "the model lacks something, or these views are of another setup."
         )
-        yield Reason(sentence, case.next.diagnose("--holdout", case.holdout))
+        which = "these views" if count else "views that were not fitted"
+        yield Reason(
+            f"{which} have {error:.3f} px where the calibration's own have {case.left_px:.3f}"
+            f" px{note}: {advice}",
+            case.next.diagnose("--holdout", case.holdout),
+            word=Trust.DO_NOT_USE if is_elsewhere else Trust.CARE,
+        )
     elif extrapolated:
         sentence = (
             f"the evaluated views are {evaluation.near_m:.2g} to {evaluation.far_m:.2g} m"
@@ -60,6 +70,21 @@ def held_out(case: Case) -> Iterator[Reason]:
             " the calibration was not made for all of these depths."
         )
         yield Reason(sentence, case.next.capture())
+
+
+def _other_squares(case: Case, evaluation: Evaluation) -> Iterator[Reason]:
+    """Report a board that has the corners of the calibration's and another size."""
+    board, fitted = evaluation.board, case.calibration.board
+    if not (board and board.has_grid and fitted.has_grid):
+        return
+    same_corners = (board.columns, board.rows) == (fitted.columns, fitted.rows)
+    if same_corners and not math.isclose(board.square, fitted.square, rel_tol=SAME_SIDE):
+        sentence = (
+            f"the squares are {1e3 * board.square:g} mm in {case.holdout}, and"
+            f" {1e3 * fitted.square:g} mm in the calibration: if it is the same board, correct the"
+            " one that is wrong."
+        )
+        yield Reason(sentence, case.next.evaluate())
 
 
 def _describe_bad_views(evaluation: Evaluation, error: float) -> str:

@@ -17,8 +17,8 @@ def scatter(case: Case) -> Iterator[Reason]:
     if uncertainty.view_scatter > SCATTER:
         yield Reason(
             f"the views scatter {uncertainty.view_scatter:.1f} times as much about the fit as noise"
-            " does: something differs between them, or the model lacks something. Sigma allows for"
-            " it.",
+            " does: something differs between them, or the model lacks something. Sigma is"
+            " larger until the cause is found.",
             command,
         )
     if uncertainty.corner_scatter > SCATTER:

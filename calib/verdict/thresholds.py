@@ -186,6 +186,11 @@ SMALL_COVER = 0.02
 says nothing of boards.
 """
 
+HELD_OUT_ELSEWHERE = 10.0
+"""Held-out over fitted error of pictures of another camera, cover or board: they have 20 and more.
+"""
+MIN_ELSEWHERE = 0.5
+"""px: smaller errors do no harm, whatever the ratio."""
 HELD_OUT = 1.5
 """Held-out over fitted error. Held-out views reach farther and nearer than the fitted ones; those
 of the fixtures have 1.0 to 1.1 times their error where nothing is wrong.

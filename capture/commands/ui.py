@@ -201,6 +201,6 @@ def _check_terminal() -> None:
 
     if not (os.environ.get("TEXTUAL_DRIVER") or (sys.stdin.isatty() and sys.stdout.isatty())):
         raise InputError(
-            "There is no terminal to show the screen in: run capture SESSION in one, or take"
-            " pictures without a screen by capture record SESSION --source SOURCE."
+            "There is no terminal to show the screen in: run `capture SESSION` in a terminal, or"
+            " take pictures by `capture record SESSION --source SOURCE`."
         )

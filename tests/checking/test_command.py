@@ -10,10 +10,10 @@ import yaml
 
 from calib.calibration import Calibration
 from calib.checking.pictures import Pictures
-from calib.checking.result import CheckResult, CheckStatistics, CheckStatus
+from calib.checking.result import Change, CheckResult, CheckStatistics, CheckStatus
 from calib.checking.update import is_updatable
 from calib.cli import main
-from calib.commands.check_lines import result_lines
+from calib.commands.check_lines import next_command, result_lines
 from calib.corners.view import View
 from calib.session.session import session_to_yaml
 from fixtures.later import Later
@@ -231,6 +231,18 @@ def test_a_valid_check_prints_no_alarm() -> None:
     statistics = CheckStatistics(1e-9, 1.0, 100, 0.12, 0.25, 0.48, 0.004, 0.05, 1.0, 8)
     valid = "\n".join(result_lines(CheckResult(CheckStatus.VALID, statistics, (), ())))
     alarm = "\n".join(result_lines(CheckResult(CheckStatus.DEGRADED, statistics, (), ())))
-    assert "too little to matter: it adds 0.004 px" in valid
+    assert "too little to matter: it adds 0.004 px or less" in valid
     assert "is an alarm" not in valid
     assert "is an alarm" in alarm
+
+
+@pytest.mark.parametrize(("name", "is_named"), [("unknown", False), ("board_scale", True)])
+def test_what_has_no_name_is_recorded_anew(name: str, is_named: bool, tmp_path: Path) -> None:
+    """Its noise holds the change, so sharper pictures would not help."""
+    statistics = CheckStatistics(1e-9, 1.0, 100, 1.2, 0.25, 0.48, 1.1, 0.5, 9.7, 8)
+    changes = (Change(name, "words", 1.0),)
+    result = CheckResult(CheckStatus.BROKEN, statistics, changes, ())
+    assert ("sharper pictures" in "\n".join(result_lines(result))) == is_named
+    command = next_command(result, tmp_path / "out", [tmp_path / "new"], updated=False)
+    expected = f"calib report {tmp_path}/out" if is_named else f"calib fit {tmp_path}/new"
+    assert command == expected

@@ -402,7 +402,7 @@ def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
         (["my photos", *BOARD, "--radius", "3"], "add --cover, one of none, cone"),
         (
             ["my photos", *BOARD, "--cover", "flat", "--radius", "3"],
-            "--radius is no number of --cover flat: leave it out, or write some of --distance",
+            "--radius does not belong to --cover flat: leave it out, or write some of --distance",
         ),
         (
             ["my photos", *BOARD, "--cover", "dome", "--radius", "0.05+-0.01"],
@@ -431,6 +431,17 @@ def test_a_refusal_names_what_would_do(
     assert main(["fit", *words]) == 2
     assert says in " ".join(capsys.readouterr().err.split())
     assert Path("taken/thesis.tex").read_text() == "mine"
+
+
+def test_a_failed_fit_names_the_description_that_remains(
+    photos: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["fit", str(photos), "--board", "5x4", "--square-mm", "25"]
+    assert main(words) == 3
+    remark = f"{photos}/session.yaml has what your options say."
+    assert remark in " ".join(capsys.readouterr().err.split())
+    assert main(["fit", str(photos)]) == 3
+    assert remark not in " ".join(capsys.readouterr().err.split()), "no option was given"
 
 
 def test_other_commands_name_the_one_that_makes_a_session(photos: Path, film: Path) -> None:

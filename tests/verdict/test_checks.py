@@ -334,6 +334,33 @@ def test_an_evaluation_is_judged_too(good: Calibration) -> None:
     assert "0.1 to 1 m away" in near.sentence
 
 
+def test_pictures_of_something_else_must_not_be_used(good: Calibration) -> None:
+    """An error of ten times the fitted one, and of half a pixel: not where it is smaller."""
+    noisy = replace(good, stages=(*good.stages[:-1], replace(good.stages[-1], rms_px=0.06)))
+    (reason,) = asked(held_out, noisy, evaluation=evaluated(0.61, 0.4, 1.0))
+    assert reason.word is Trust.DO_NOT_USE
+    assert "do not use it for such pictures" in reason.sentence
+    assert reason.sentence.startswith("views that were not fitted have 0.610 px")
+    (reason,) = asked(held_out, noisy, evaluation=evaluated(0.49, 0.4, 1.0))
+    assert reason.word is Trust.CARE
+    fitted = replace(evaluated(0.61, 0.4, 1.0), fitted_views=5)
+    known, reason = asked(held_out, noisy, evaluation=fitted)
+    assert "fitted to all of these views" in known.sentence
+    assert reason.sentence.startswith("these views have 0.610 px")
+
+
+def test_a_board_of_another_size_is_named(good: Calibration) -> None:
+    error = good.stages[-1].rms_px
+    same = replace(good.board, square=good.board.square * (1 + 1e-9))
+    assert not asked(held_out, good, evaluation=replace(evaluated(error, 0.4, 1.0), board=same))
+    smaller = replace(good.board, square=good.board.square / 10)
+    (reason,) = asked(held_out, good, evaluation=replace(evaluated(error, 0.4, 1.0), board=smaller))
+    sizes = [f"{1e3 * board.square:g} mm" for board in (smaller, good.board)]
+    assert f"the squares are {sizes[0]} in other views, and {sizes[1]} in the" in reason.sentence
+    another = replace(smaller, columns=good.board.columns + 1)
+    assert not asked(held_out, good, evaluation=replace(evaluated(error, 0.4, 1.0), board=another))
+
+
 def test_bad_views_are_named_beside_the_error_of_the_others(good: Calibration) -> None:
     last = good.stages[-1].rms_px
     bad = (BadView("07.png", 5.0), BadView("02.png", 3.0))

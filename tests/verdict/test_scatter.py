@@ -38,4 +38,4 @@ def test_the_fit_says_which_view_decides(
 ) -> None:
     print_fit(with_scatter(good, 1.0, 1.0), 1.0)
     printed = " ".join(capsys.readouterr().out.split())
-    assert "The result leans on 0003.png (31 %): more pictures" in printed
+    assert "Much of the result comes from 0003.png (31 %): more pictures" in printed

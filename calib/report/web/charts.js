@@ -29,7 +29,7 @@ function drawResiduals(host, {image, board, scales, span, bands, noise, noiseBan
     options: width => byDistanceOptions(width, bands, noiseBands, highest),
   });
   addPanel(host, {
-    title: `their distribution${noise ? `; line: noise of ${digits(noise / Math.SQRT2, 2)} px in x and y` : ""}`, label: "histogram of the residuals",
+    title: `their distribution${noise ? `; line: noise of ${digits(noise / Math.SQRT2, 2)} px in each of x and y` : ""}`, label: "histogram of the residuals",
     options: width => histogramOptions(width, CORNERS.flatMap(corner => [corner.dx, corner.dy]), noise),
   });
 }
@@ -46,10 +46,10 @@ function addArrowPanels(host, {image, board}, scales, span, when = "") {
   });
 }
 
-/** Draw the residuals before and after a diagnosis, at the same scales. */
+/** Draw the residuals of the first fit and those after a diagnosis, at the same scales. */
 function drawComparison(host, {before, after, scales, span}) {
   const errorsOf = side => Array.from(numbers(side.errors)), limit = histogramLimit(errorsOf(before));
-  for (const [when, side] of [["before", before], ["after", after]]) {
+  for (const [when, side] of [["first fit", before], ["with the effects", after]]) {
     addArrowPanels(host, side, scales, span, `${when}, `);
     addPanel(host, {
       title: `${when}: ${digits(side.rms)} px`, label: "histogram of the residuals",
@@ -64,9 +64,9 @@ function drawComparison(host, {before, after, scales, span}) {
       const options = squareOptions(width, 1, "px", [
         Libraries.Plot.line([[0, 0], [most, most]], {x: "0", y: "1", stroke: "var(--faint)", strokeDasharray: "5 3"}),
         dots(points, ({view}) => viewColour(view), 7, 0.9),
-        tip(points, ({view, x, y}) => `${nameOf(view)}\n${digits(x)} px before, ${digits(y)} px after`),
+        tip(points, ({view, x, y}) => `${nameOf(view)}\n${digits(x)} px first, ${digits(y)} px with the effects`),
       ]);
-      return {...options, x: {...options.x, domain: [0, most], label: "before (px)"}, y: {...options.y, domain: [0, most], label: "after (px)"}};
+      return {...options, x: {...options.x, domain: [0, most], label: "first fit (px)"}, y: {...options.y, domain: [0, most], label: "with the effects (px)"}};
     },
   });
 }
