@@ -31,7 +31,7 @@ TABLE = re.compile(r"<table>.*?</table>", re.DOTALL)
 HEADING = re.compile(r"<th[^>]*>(.*?)</th>", re.DOTALL)
 ROW = re.compile(r"<tr>.*?</tr>", re.DOTALL)
 CELL = re.compile(r"<td[^>]*>(.*?)</td>", re.DOTALL)
-MANY_COLUMNS, LONG_ROW = 4, 100
+MANY_COLUMNS, LONG_ROW = 3, 100
 FEWEST, MOST = 42, 110
 """Columns: fewer have room on a phone, and more could not be read there."""
 TABULAR = re.compile(r"[│┃┏┡├└]|\S {2,}\S")
