@@ -32,8 +32,8 @@ calib COMMAND --help explains a command. A second program, capture SESSION, reco
 """
 EPILOG = """
 stdout carries the result, stderr progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong usage
-or input, 3 not enough good data, 4 a device failed, 5 the checked calibration is not valid, 6 a
-fleet is not done (calib batch).
+or input, 3 not enough good data, 4 the camera or the disk failed, 5 the checked calibration is
+not valid, 6 the cluster of calib batch is gone.
 """
 GROUPS = (
     CommandGroup("Begin", (demo_command, init_command, board_command, import_command)),

@@ -18,7 +18,7 @@ Record the pictures for a calibration, with any camera of this machine.
 """
 EPILOG = """
 stdout carries the result, stderr the next step and remarks. Exit codes: 0 done, 1 a bug, 2 wrong
-usage or input, 3 not enough good data, 4 the device failed.
+usage or input, 3 not enough good data, 4 the camera or the disk failed.
 """
 COMMANDS = (ui, record, sources)
 """The commands in the order of the help.

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     fit = _add_action(actions, "fit", "Calibrate all cameras of a rig, and where they are mounted.")
     _add_rig(fit, "the rig.yaml, or its folder")
-    add_output(fit, "folder for the results", required=True)
+    add_output(fit, "folder for the results (default: RIG/calibration)", required=False)
     add_overwrite(fit)
     add_fit_options(fit)
     evaluate = _add_action(
@@ -166,6 +166,7 @@ def _fit(args: argparse.Namespace) -> None:
         from calib.commands.printing import print_json, verdict_mapping
         from calib.commands.rig_lines import print_rig, rig_json
         from calib.commands.verdict_lines import print_verdict
+        from calib.io.output_folder import check_no_link
         from calib.report.write import NAME
         from calib.rig.fit_rig import fit_rig
         from calib.rig.judge import judge_rig
@@ -175,8 +176,10 @@ def _fit(args: argparse.Namespace) -> None:
 
     start = time.monotonic()
     description = read_rig(args.rig)
+    folder = args.rig if args.rig.is_dir() else args.rig.parent
+    output = args.output or check_no_link(folder / "calibration")
     files = RigFiles(
-        args.output,
+        output,
         tuple(description.sessions),
         overwrite=args.overwrite,
         inputs=description.files,
@@ -186,7 +189,7 @@ def _fit(args: argparse.Namespace) -> None:
         with Bars() as bars:
             rig = fit_rig(description, settings_of(args), bars)
         written = files.write(rig)
-        verdict = judge_rig(rig, folder=args.output)
+        verdict = judge_rig(rig, folder=output)
         try:
             written.append(write_rig_report(rig, verdict, files.rig))
         finally:  # if the report fails, the calibration is still written

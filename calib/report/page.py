@@ -12,6 +12,7 @@ from calib.report.scripts import Scripts
 from calib.report.summary import Summary
 from calib.report.tiles import tiles_html
 from calib.verdict.verdict import Trust, Verdict
+from calib.version import VERSION
 
 NOTHING_FROM_OUTSIDE = (
     "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src"
@@ -53,7 +54,7 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection], script
         for section in sections
     )
     notes = "".join(f"<p>Note: {escape(note)}</p>" for note in verdict.notes)
-    header = f"""<p class="over">Refracal calibration report</p>
+    header = f"""<p class="over">Calibration report, Refracal {VERSION}</p>
 <h1>{escape(verdict.headline.removesuffix("."))}</h1>
 {tiles_html(summary.tiles)}
 {_reasons_html(verdict)}{notes}

@@ -37,7 +37,7 @@ def tiles_html(tiles: Sequence[Tile]) -> str:
 
 def report_tiles(evidence: Evidence) -> tuple[Tile, ...]:
     """Return the tiles of a calibration: its error, the uncertainty of its maps, its coverage, its
-    focal length, and the number that sizes or places its cover.
+    focal length, and the number that sizes or places its cover, if it was fitted.
     """
     tiles = [_error(evidence), *_maps(evidence)]
     tiles.append(Tile("coverage", f"{100 * evidence.covered:.0f} %", "of the picture has corners"))
@@ -70,7 +70,7 @@ def _maps(evidence: Evidence) -> Iterator[Tile]:
 
 def _scale(evidence: Evidence) -> Iterator[Tile]:
     numbers = list(comparisons(evidence.calibration))
-    of_cover = [number for number in numbers if not CAMERA.has(number.name)]
+    of_cover = [n for n in numbers if not (CAMERA.has(n.name) or n.held)]
     focal = [number for number in numbers if number.name == CAMERA.fx]
     for number in (*focal, *of_cover[:1]):
         name = number.name.replace("_", " ").replace(".", " ", 1)
