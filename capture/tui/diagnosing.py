@@ -3,7 +3,6 @@ torch.
 """
 
 from pathlib import Path
-from textwrap import fill
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -65,8 +64,9 @@ def as_text(
     numbers: "Sequence[Sequence[str]]" = (),
     words: "Mapping[str, str]" = MappingProxyType({}),
 ) -> str:
-    """Return the finding in lines of at most 78 characters: the accepted effects, the error with
-    and without them, and the other candidates.
+    """Return the finding: the accepted effects, the error with and without them, and the other
+    candidates. Rows of tables have at most 45 characters, which a phone can show; a
+    sentence is one line, which every screen breaks at its own width.
 
     Args:
         numbers: the lines for each accepted effect: its description and its parameters.
@@ -75,38 +75,41 @@ def as_text(
     without, with_effects = finding.base_quality, finding.final_quality
     column_title = "with it" if len(finding.accepted) < 2 else "with them"
     lines = [
-        fill(finding.headline, 78),
+        finding.headline,
         "",
-        f"{'error (root mean square)':<26}{'without':>12}{column_title:>12}",
+        _row("error (root mean square)", "without", column_title),
+        _row("fitted views", f"{without.rms_px:.3f} px", f"{with_effects.rms_px:.3f} px"),
+        _row("on the board", board_error(without.rmse_cm), board_error(with_effects.rmse_cm)),
+        _row(
+            "held-out views", f"{without.held_out_px:.3f} px", f"{with_effects.held_out_px:.3f} px"
+        ),
     ]
-    lines += [
-        f"{'fitted views':<26}{without.rms_px:>9.3f} px{with_effects.rms_px:>9.3f} px",
-        f"{'on the board':<26}{board_error(without.rmse_cm):>12}"
-        f"{board_error(with_effects.rmse_cm):>12}",
-        f"{'held-out views':<26}{without.held_out_px:>9.3f} px{with_effects.held_out_px:>9.3f} px",
-    ]
-    if (noise := finding.noise_px) is not None:
-        lines.append(f"{'of which noise':<26}{noise:>9.3f} px{noise:>9.3f} px")
+    if finding.noise_px is not None:
+        lines.append(_row("of which noise", *[f"{finding.noise_px:.3f} px"] * 2))
     for effect_lines in numbers:
         lines += ["", *effect_lines]
     tried = [
         candidate for candidate in finding.candidates if candidate.held_out_px_after is not None
     ]
     if tried:
-        lines += ["", f"{'fitted':<26}{'held-out views':<24}verdict", *map(_line, tried)]
+        lines += ["", f"{'fitted':<26}{'held-out views':>18}", *map(_candidate_lines, tried)]
     names = {candidate.effect for candidate in tried}
     untried = dict.fromkeys(c.effect for c in finding.candidates if c.effect not in names)
     if untried:
-        lines += ["", fill(f"No sign of these in what is left: {', '.join(untried)}.", 78)]
+        lines += ["", f"No sign of these in what is left: {', '.join(untried)}."]
     lines += [f"\nNote: {remark}" for remark in finding.remarks]
     for name in words:
         if name in names and name not in finding.accepted:
-            lines += ["", fill(f"{name}: {words[name]}", 78)]
+            lines += ["", f"{name}: {words[name]}"]
     return "\n".join(lines)
 
 
-def _line(candidate: "Candidate") -> str:
+def _row(name: str, without: str, with_effects: str) -> str:
+    return f"{name:<25}{without:>9}{with_effects:>11}"
+
+
+def _candidate_lines(candidate: "Candidate") -> str:
     return (
-        f"{candidate.title:<25} {candidate.held_out_px_before:>5.3f} to"
-        f" {candidate.held_out_px_after:>5.3f} px       {candidate.outcome}"
+        f"{candidate.title:<26} {candidate.held_out_px_before:.3f} to"
+        f" {candidate.held_out_px_after:.3f} px\n  {candidate.outcome}"
     )
