@@ -132,6 +132,7 @@ FORMATS: tuple[Format, ...] = (
         "opencv",
         "the same with FileStorage XML",
         OPENCV,
+        brief="as opencv, with FileStorage XML",
         files=("camera_{depth}m.xml", "map_x_{depth}m.tiff", "map_y_{depth}m.tiff"),
     ),
     Format("ros", "ros", "camera_info", ROS, files=("camera_info_{depth}m.yaml",)),

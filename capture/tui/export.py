@@ -31,6 +31,11 @@ NAME = max(len(form.name) for form in FORMATS) + 2
 """Columns of the name of a form."""
 STRAIGHT = "straight"
 """The form of the session's own pictures, undistorted."""
+USUAL = ("npz", "opencv", "ros")
+"""The forms of the first list, which a phone shows without scrolling.
+A second list has the rest."""
+FURTHER = "further"
+"""The choice of that second list."""
 NO_DEPTH = "Straight pictures are of a depth: name one, in metres."
 EXPORT_DONE = "That is all: esc goes back to the results."
 OVERWRITE_ADVICE = ", or replace what is there with --overwrite"
@@ -111,19 +116,19 @@ class ExportScreen(Dialog[str]):
             yield Static(ABOUT, markup=False)
             yield Static(harmless(self._note), markup=False)
             yield _row("depths in metres", Field(f"{self._depth:g}", id="depths", compact=True))
-            forms = [
-                (f"{form.name:<{NAME}}{form.brief or form.summary}", form.name) for form in FORMATS
-            ]
-            first = FORMATS[0].name
+            forms = [_option(form.name, form.brief or form.summary) for form in FORMATS]
+            usual = [form for form in forms if form[1] in USUAL]
+            further = [form for form in forms if form[1] not in USUAL]
+            first = USUAL[0]
             if self._pictures and self._pictures.is_dir():
-                forms.insert(
-                    1, (f"{STRAIGHT:<{NAME}}the session's pictures, undistorted", STRAIGHT)
-                )
+                usual.insert(1, _option(STRAIGHT, "the session's pictures, undistorted"))
                 if getattr(self.app, "on_phone", False):
                     first = STRAIGHT  # a phone can show them, and cannot use maps
-            yield _row(
-                "form", Select(forms, value=first, allow_blank=False, id="form", compact=True)
-            )
+            usual.append(_option(FURTHER, "forms for other programs"))
+            yield _row("form", _select("form", usual, first))
+            row = _row("which form", _select(FURTHER, further, further[0][1]))
+            row.display = False
+            yield row
             suggester = PathSuggester(kinds=False)
             yield _row(
                 "folder",
@@ -133,6 +138,10 @@ class ExportScreen(Dialog[str]):
             yield Static(id="said", markup=False)
         yield SizeNotice()
         yield Footer(show_command_palette=False, compact=True)
+
+    @on(Select.Changed, "#form")
+    def _offer_further(self, event: Select.Changed) -> None:
+        self.query_one(f"#row-{FURTHER}").display = event.value == FURTHER
 
     @on(Input.Changed)
     def _check(self) -> None:
@@ -177,6 +186,8 @@ class ExportScreen(Dialog[str]):
             self._say(warning, tone="care")
             return
         form = str(self.query_one("#form", Select).value)
+        if form == FURTHER:
+            form = str(self.query_one(f"#{FURTHER}", Select).value)
         if form == STRAIGHT and not depths:
             self.is_invalid = True
             self._say(NO_DEPTH, tone="wrong")
@@ -309,5 +320,13 @@ def _describe_files(written: Sequence[Path], remarks: Sequence[str]) -> str:
     return "\n".join([summary, *([] if any(map(is_map, written)) else [NO_MAP]), *remarks])
 
 
+def _option(name: str, summary: str) -> tuple[str, str]:
+    return f"{name:<{NAME}}{summary}", name
+
+
+def _select(name: str, options: Sequence[tuple[str, str]], value: str) -> Select[str]:
+    return Select(options, value=value, allow_blank=False, id=name, compact=True)
+
+
 def _row(label: str, field: Input | Select[str]) -> Horizontal:
-    return Horizontal(Label(label), field, classes="row")
+    return Horizontal(Label(label), field, classes="row", id=f"row-{field.id}")

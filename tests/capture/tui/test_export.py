@@ -16,8 +16,10 @@ from textual.widgets import Select
 from calib.export.formats import BRIEF, FORMATS
 from capture.tui.command import CommandResult
 from capture.tui.export import (
+    FURTHER,
     NO_DEPTH,
     STRAIGHT,
+    USUAL,
     ExportScreen,
     parse_depths,
     warn_of_distance,
@@ -134,6 +136,28 @@ async def _far(session: Path, calls: list[Sequence[str]]) -> None:
 def test_every_form_has_a_line_that_the_list_has_room_for() -> None:
     long = [form.name for form in FORMATS if len(form.brief or form.summary) > BRIEF]
     assert not long
+
+
+def test_a_form_that_is_not_usual_is_one_choice_away(
+    tmp_path: Path, calls: list[Sequence[str]]
+) -> None:
+    drive(_further(tmp_path))
+    assert calls[0][3] == "colmap"
+
+
+async def _further(session: Path) -> None:
+    async with exporting(session) as pilot:
+        form, further = pilot.app.screen.query(Select)
+        assert [value for _, value in form._options] == [*USUAL, FURTHER]
+        offered = {value for _, value in [*form._options, *further._options]}
+        assert offered == {*(each.name for each in FORMATS), FURTHER}
+        assert "which form" not in shown(pilot)
+        await pilot.press("tab", "enter", "end", "enter")
+        await see(pilot, "which form")
+        await pilot.press("tab", "enter", "c", "o", "enter")
+        await see(pilot, "cameras.txt")
+        await pilot.press("ctrl+s")
+        await see(pilot, "Wrote")
 
 
 @asynccontextmanager
