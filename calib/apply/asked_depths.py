@@ -9,22 +9,12 @@ from dataclasses import dataclass
 
 from calib.calibration import Calibration
 from calib.errors import InputError
-from calib.fitting.corner_range import (
-    corners_at,
-    describe_trusted,
-    distance_range,
-    untrusted_depths,
-)
+from calib.fitting.corner_range import corners_at, distance_range
+from calib.fitting.supported_depths import describe_trusted, mistaken_unit, untrusted_depths
 from calib.undistortion.ray_field import RayField
 
 NOTABLE = 0.05
 """The fraction of the picture that may be inside the cover without a remark."""
-FAR = 100.0
-"""m: the nearest depth that may have been meant in mm. Covered cameras look at things nearer than
-that, and a map of 100 m hardly differs from that of infinity, which is written `inf`.
-"""
-MANY, MANY_CM = 10.0, 10.0
-"""The depth over the farthest corner's, and the depth in m, from which cm may have been meant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +44,12 @@ def describe_depths(calibration: Calibration, depths: Iterable[float]) -> Iterat
     field = calibration.ray_field()
     _, farthest = _corner_range(calibration) or (0.0, math.inf)
     for depth in dict.fromkeys(depths):
-        for name, units, far in (("mm", 1000, FAR), ("cm", 100, max(MANY_CM, MANY * farthest))):
-            if far <= depth < math.inf:
-                yield (
-                    f"{depth:g} is taken as metres: write {depth / units:g} for {depth:g} {name},"
-                    " and inf for far away."
-                )
-                break
+        if unit := mistaken_unit(depth, farthest):
+            name, count = unit
+            yield (
+                f"{depth:g} is taken as metres: write {depth / count:g} for {depth:g} {name}, and"
+                " inf for far away."
+            )
         hidden = field.hidden_fraction(depth)
         if hidden > NOTABLE:
             yield (

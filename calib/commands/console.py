@@ -20,7 +20,7 @@ from calib.corners.copies import describe_still
 from calib.corners.view import RejectedPicture
 from calib.errors import InputError, brief, harmless
 from calib.fitting.board_turns import describe_turned
-from calib.fitting.corner_range import corners_at, describe_trusted, distance_range
+from calib.fitting.corner_range import corners_at, distance_range
 from calib.fitting.description import (
     PRINTED_COLUMNS,
     describe,
@@ -28,6 +28,7 @@ from calib.fitting.description import (
 )
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.guided_redetection import describe_redetection
+from calib.fitting.supported_depths import describe_trusted
 from calib.fitting.view_noise import describe_noisy_views
 from calib.progress import Advance
 from calib.session.lens import NAMES

@@ -1,8 +1,5 @@
 """The pixels and distances at which a calibration has corners: elsewhere it extrapolates."""
 
-import math
-from collections.abc import Iterable
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -14,12 +11,6 @@ CELLS = (16, 12)
 """Columns and rows of the cells of the picture in which corners are counted."""
 MANY_EMPTY = 1 / 3
 """The fraction of a part's cells without corners, above which the part is named."""
-DEPTH_MARGIN = 0.5
-"""The margin on both sides of the corners' inverse depths, relative to their span. A pixel's ray is
-the same at every depth, so its undistorted place is a straight line over inverse depth; the
-standard deviation of a line that was fitted to evenly spread points is, half a span beyond their
-ends, 1.8 times what it is at the ends.
-"""
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -121,25 +112,3 @@ def distance_range(distance: Array) -> tuple[float, float]:
     ahead = distance > 0
     counted = distance[ahead | ~ahead.any()]
     return float(counted.min()), float(counted.max())
-
-
-def trusted_depths(near: float, far: float) -> tuple[float, float]:
-    """Return the range of depths in m that corners from near to far support."""
-    margin = DEPTH_MARGIN * (1 / near - 1 / far)
-    return 1 / (1 / near + margin), 1 / (1 / far - margin) if 1 / far > margin else math.inf
-
-
-def untrusted_depths(depths: Iterable[float], near: float, far: float) -> list[float]:
-    """Return the depths, m, that corners from near to far do not support, each once."""
-    nearest, farthest = trusted_depths(near, far)
-    return [depth for depth in dict.fromkeys(depths) if not nearest <= depth <= farthest]
-
-
-def describe_trusted(near: float, far: float) -> str:
-    """Return the range of `trusted_depths` in words."""
-    nearest, farthest = trusted_depths(near, far)
-    return (
-        f"{nearest:.2g} m and more"
-        if math.isinf(farthest)
-        else f"{nearest:.2g} to {farthest:.2g} m"
-    )

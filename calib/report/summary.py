@@ -8,9 +8,9 @@ import numpy as np
 
 from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
-from calib.fitting.corner_range import describe_trusted
 from calib.fitting.declared import comparisons
 from calib.fitting.description import describe_bend
+from calib.fitting.supported_depths import describe_trusted
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
 from calib.report.tiles import Tile, report_tiles

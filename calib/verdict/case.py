@@ -20,6 +20,7 @@ from calib.estimation.observations import Observations
 from calib.fitting.corner_range import corner_points, covered_fraction, distance_range
 from calib.fitting.declared import comparisons
 from calib.fitting.evaluate import Evaluation
+from calib.fitting.supported_depths import doubtful_depths
 from calib.inference.calibration_model import full_model
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
@@ -151,14 +152,21 @@ class Case:
     @property
     def main_depth(self) -> float:
         """The depth in m of the commands that use the calibration: the first that was asked for,
-        now or by the fit.
+        now or by the fit, and that the corners support; or else their median distance. Without a
+        cover, every depth has the same map.
         """
-        return next(iter(self.next.depths), self.usual_depths[0])
+        asked = self.next.depths
+        doubtful = doubtful_depths(asked, *self.reach) if self.calibration.model()[0].cover else ()
+        return next((depth for depth in asked if depth not in doubtful), self._median_distance)
 
     @property
     def usual_depths(self) -> tuple[float, ...]:
         """The depths of the requested maps in m, or else the median distance of the corners."""
-        return self.depths or (float(f"{np.median(self.distance):.2g}"),)
+        return self.depths or (self._median_distance,)
+
+    @property
+    def _median_distance(self) -> float:
+        return float(f"{np.median(self.distance):.2g}")
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from calib.fitting.corner_range import describe_trusted, untrusted_depths
+from calib.fitting.supported_depths import describe_trusted, untrusted_depths
 from calib.verdict.case import Case
 from calib.verdict.thresholds import ONE_DEPTH
 from calib.verdict.verdict import Reason

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Iterator
 
-from calib.fitting.corner_range import trusted_depths
 from calib.fitting.evaluate import Evaluation
+from calib.fitting.supported_depths import trusted_depths
 from calib.verdict.case import Case
 from calib.verdict.thresholds import HELD_OUT, HELD_OUT_ELSEWHERE, MIN_ELSEWHERE
 from calib.verdict.verdict import Reason, Trust

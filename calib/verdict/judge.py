@@ -115,7 +115,7 @@ def judge(
             )
         reasons = _reasons(case)
         proof = (commands.evaluate(), *([commands.diagnose()] if commands.diagnosable else []))
-        uses = commands.uses(case.main_depth, mapped=bool(case.depths))
+        uses = commands.uses(case.main_depth, mapped=case.main_depth in case.depths)
         diagnosis = calibration.history.diagnosis
         families = [family.note for family in diagnosis.families] if diagnosis else []
         notes = (*families, *undecided_medium(case))

@@ -78,7 +78,7 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
         f"your pictures do not determine {listed}, and the sigma of the maps includes that. If you"
         f" need the number itself, {advice}."
     )
-    uses = case.next.uses(case.main_depth, mapped=bool(case.depths))
+    uses = case.next.uses(case.main_depth, mapped=case.main_depth in case.depths)
     command = next(iter(uses), case.next.capture())  # the maps are as good as they say
     yield Reason(sentence, command, tuple(number.name for number in numbers), maps_hold=True)
 

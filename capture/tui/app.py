@@ -87,6 +87,7 @@ class CaptureApp(App[None]):
                 results.calibration,
                 self._maps,
                 depth=results.depth,
+                boards=results.boards,
                 doubt=results.doubt,
                 was_cancelled=was_cancelled,
             )

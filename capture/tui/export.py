@@ -17,6 +17,7 @@ from textual.widgets import Button, Footer, Input, Label, Select, Static
 from calib.commands.arguments import depth, quoted
 from calib.errors import harmless
 from calib.export.formats import FORMATS
+from calib.fitting.supported_depths import doubtful_depths
 from capture.tui.command import calib
 from capture.tui.page import TYPING, Field, focus_next_field, wait_for_typing
 from capture.tui.path_suggester import PathSuggester
@@ -47,9 +48,6 @@ NO_MAP = (
 
 MAX_NAMES = 6
 """Written files that are named."""
-
-# the factor beyond the farthest board, or below the nearest, from which on a depth is questioned
-MAX_DISTANCE_RATIO = 3.0
 
 
 class ExportScreen(Dialog[str]):
@@ -272,13 +270,10 @@ def _suggest_depth(word: str) -> str:
 
 
 def warn_of_distance(depths: Sequence[str], boards: tuple[float, float]) -> str:
-    """Return a warning about depths that are far from all boards; empty where there are none."""
+    """Return a warning about depths that the boards do not support; empty where there are none."""
     near, far = boards
-    words = [
-        word
-        for word in depths
-        if not near / MAX_DISTANCE_RATIO <= depth(word) <= far * MAX_DISTANCE_RATIO
-    ]
+    doubtful = doubtful_depths(map(depth, depths), near, far)
+    words = [word for word in depths if depth(word) in doubtful]
     if not words:
         return ""
     metres = " and ".join(f"{word} m" for word in words)

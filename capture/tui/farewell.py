@@ -10,7 +10,9 @@ from pathlib import Path
 
 from calib.commands.program import runnable_command
 from calib.errors import harmless
+from calib.fitting.supported_depths import doubtful_depths
 from calib.io.images import frames_folder, list_images
+from calib.verdict.verdict import Trust
 
 CALIBRATION = "calibration.yaml"
 REPORT = "report.html"
@@ -41,6 +43,7 @@ def farewell_lines(
     maps: Sequence[Path],
     *,
     depth: float = DEPTH,
+    boards: tuple[float, float] | None = None,
     doubt: str = "",
     was_cancelled: bool = False,
 ) -> Iterator[str]:
@@ -51,6 +54,7 @@ def farewell_lines(
         maps: the files that were exported last. Empty: those in the session's export folder that
             are newer than the fit.
         depth: m, the proposed depth of maps.
+        boards: m, the depths of the nearest and the farthest corners, if they are known.
         doubt: the verdict's sentence, if the calibration is not trusted.
         was_cancelled: True if the last fit was ended before it had a result.
     """
@@ -75,9 +79,9 @@ def farewell_lines(
         if doubt:
             yield f"{doubt} The report says why, and what to do."
             yield f"Next: {_command('calib', 'report', folder)}"
-            yield f"Then: {_next_command(session, folder, maps, depth)}"
-        else:
-            yield f"Next: {_next_command(session, folder, maps, depth)}"
+        if doubt != Trust.DO_NOT_USE.sentence:
+            use = _next_command(session, folder, _supported_depth(maps, boards, depth))
+            yield f"{'Then' if doubt else 'Next'}: {use}"
         return
     bare = _count_images(session / "bare")
     frames = _count_images(frames_folder(session))
@@ -117,22 +121,30 @@ def select_newer(calibration: Path, paths: Iterable[Path]) -> Sequence[Path]:
     return [path for path in paths if path.is_file() and path.stat().st_mtime_ns >= made]
 
 
-def _next_command(session: Path, folder: Path, maps: Sequence[Path], depth: float) -> str:
-    """Return the command that undistorts the session's pictures, for a depth that has a map if
-    there is one.
-    """
-    map_depths = (
+def _supported_depth(
+    maps: Sequence[Path], boards: tuple[float, float] | None, proposed: float
+) -> str:
+    """Return the first depth that has a map and that the boards support; else the proposed one."""
+    depths = (
         path.stem.removeprefix("map_").removesuffix("m")
         for path in maps
         if path.stem.startswith("map_")
     )
+    supported = (
+        depth for depth in depths if not (boards and doubtful_depths([float(depth)], *boards))
+    )
+    return next(supported, f"{proposed:g}")
+
+
+def _next_command(session: Path, folder: Path, depth: str) -> str:
+    """Return the command that undistorts the session's pictures."""
     return _command(
         "calib",
         "undistort",
         folder,
         frames_folder(session),
         "--depth",
-        next(map_depths, f"{depth:g}"),
+        depth,
         "-o",
         session / "undistorted",
     )

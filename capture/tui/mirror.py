@@ -55,6 +55,7 @@ MAIN_ACTIONS = [
     "results",
     "fit",
     "refit",
+    "report",
 ]
 """The main actions: a screen's main button is the first of these that it has."""
 KEYBOARD_ACTIONS = re.compile(r"app\.(focus_\w+|dots)|scroll\b.*")

@@ -19,6 +19,7 @@ from textual.widgets.option_list import Option
 from calib.corners.detect import eight_bits
 from calib.errors import RefracalError, harmless
 from calib.io.images import frames_folder, read_grey
+from calib.verdict.verdict import Trust
 from capture.tui.camera import Preview
 from capture.tui.cells import CORNER_MARK, WORST_MARK, Mark
 from capture.tui.child import Event
@@ -96,11 +97,19 @@ class ResultsScreen(Page):
     class ResultsOpened(Message):
         """The results of this calibration are shown."""
 
-        def __init__(self, calibration: Path, depth: float, doubt: str) -> None:
+        def __init__(
+            self,
+            calibration: Path,
+            depth: float,
+            boards: tuple[float, float] | None,
+            doubt: str,
+        ) -> None:
             super().__init__()
             self.calibration = calibration
             self.depth = depth
             """m, the proposed depth of maps."""
+            self.boards = boards
+            """m, the depths of the nearest and the farthest corners, if they are known."""
             self.doubt = doubt
             """The verdict's first sentence, if the calibration is not trusted."""
 
@@ -166,8 +175,12 @@ class ResultsScreen(Page):
 
     @property
     def early_actions(self) -> frozenset[str]:
-        """After a view was set aside or taken back, a fit comes first."""
-        return frozenset({"export"} if self._dropped or self._taken_back else ())
+        """After a view was set aside or taken back, a fit comes first; of a calibration that must
+        not be used, the report, which says why.
+        """
+        if self._dropped or self._taken_back:
+            return frozenset({"export"})
+        return frozenset({"export", "refit"} if self._forbidden else ())
 
     def body(self) -> ComposeResult:
         with Horizontal(id="top"):
@@ -201,7 +214,8 @@ class ResultsScreen(Page):
         self.query_one(OptionList).focus()
         self.watch(self.app, "on_phone", self._arrange)
         doubt = "" if self._trusted else self._headline
-        self.post_message(self.ResultsOpened(Path(self.result["calibration"]), self._depth, doubt))
+        calibration = Path(self.result["calibration"])
+        self.post_message(self.ResultsOpened(calibration, self._depth, self._boards, doubt))
 
     @on(Resize)
     def _arrange(self) -> None:
@@ -246,6 +260,10 @@ class ResultsScreen(Page):
     @property
     def _trusted(self) -> bool:
         return bool(self.result["verdict"]["word"] == "trusted")
+
+    @property
+    def _forbidden(self) -> bool:
+        return bool(self.result["verdict"]["word"] == Trust.DO_NOT_USE.value)
 
     @property
     def _headline(self) -> str:
@@ -332,6 +350,8 @@ class ResultsScreen(Page):
             diagnosed = any(stage["name"] == "cover+rbf+effects" for stage in self.result["stages"])
             is_known = diagnosed or self._is_faultless
             return f"Press r for the report, {exports}{'' if is_known else ', e to find faults'}."
+        if self._forbidden:
+            return "Press r for the report, which says what to correct."
         faults = "" if self._is_faultless else "e to find faults, "
         return f"Press {faults}r for the report, {exports}."
 
@@ -471,7 +491,7 @@ class ResultsScreen(Page):
     def action_export(self) -> None:
         session = self.session
         calibration = Path(self.result["calibration"])
-        note = EARLIER_FIT_NOTE if self._dropped else ""
+        note = EARLIER_FIT_NOTE if self._dropped else self._headline if self._forbidden else ""
         if folder := updated_folder(calibration.parent):
             session = folder
             calibration = folder / CALIBRATION

@@ -16,8 +16,8 @@ from calib.estimation.relief_heights import height_spread
 from calib.fit_record.history import DiagnosisRecord, History
 from calib.fit_record.outcome import CrossValidation
 from calib.fit_record.request import FitRequest, Settings
-from calib.fitting.corner_range import trusted_depths
 from calib.fitting.evaluate import BadView, Evaluation
+from calib.fitting.supported_depths import trusted_depths
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import AprilGrid, Charuco, Coding

@@ -8,6 +8,7 @@ from calib.calibration import Calibration
 from calib.fit_record.request import CommandOptions, Provenance, Settings
 from calib.io.output_folder import OutputFolder
 from calib.verdict.case import Case
+from calib.verdict.judge import judge
 from calib.verdict.next_commands import NextCommands
 
 
@@ -83,6 +84,18 @@ def test_a_calibration_is_used_at_the_depth_of_its_fit(good: Calibration) -> Non
     assert 0.35 < median < 1.2
     fitted = replace(commands, depths=(0.6, 2.0))
     assert Case(good, (), fitted, None, "HOLDOUT").main_depth == 0.6
+
+
+def test_a_depth_that_gets_a_warning_is_not_proposed(good: Calibration) -> None:
+    out = Path("s/calibration")
+    commands = NextCommands(Path("s"), out, Settings(), depths=(60.0, 0.05, 0.6))
+    assert Case(good, (), commands, None, "HOLDOUT").main_depth == 0.6
+    in_cm = replace(commands, depths=(60.0,))
+    median = Case(good, (60.0,), in_cm, None, "HOLDOUT").main_depth
+    assert 0.35 < median < 1.2
+    verdict = judge(good, depths=(60.0,), folder=out)
+    assert any("calib export" in command for command in verdict.further), "its map is not written"
+    assert not any("--depth 60" in command for command in (verdict.use, *verdict.further))
 
 
 def test_a_fit_makes_its_maps_again() -> None:

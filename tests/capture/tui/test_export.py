@@ -94,7 +94,7 @@ def test_a_possible_decimal_comma_causes_a_question(text: str, advice: str) -> N
     ("listed", "text"),
     [
         ([], ""),
-        (["0.5", "3.3", "0.084"], ""),
+        (["0.5", "3.3", "0.19", "inf"], ""),
         (
             ["50"],
             (
@@ -103,15 +103,15 @@ def test_a_possible_decimal_comma_causes_a_question(text: str, advice: str) -> N
             ),
         ),
         (
-            ["1", "0.08", "inf"],
+            ["1", "0.08", "150"],
             (
-                "0.08 m and inf m are far from your boards, which were 0.25 to 1.10 m away: press"
+                "0.08 m and 150 m are far from your boards, which were 0.25 to 1.10 m away: press"
                 " ^s again to export all the same."
             ),
         ),
     ],
 )
-def test_depths_far_from_every_board_are_reported(listed: list[str], text: str) -> None:
+def test_depths_that_the_boards_do_not_support_are_reported(listed: list[str], text: str) -> None:
     assert warn_of_distance(listed, (0.25, 1.1)) == text
 
 

@@ -85,6 +85,21 @@ def test_the_farewell_of_a_doubtful_calibration_names_the_report(tmp_path: Path)
     )
 
 
+def test_the_farewell_proposes_a_depth_that_the_boards_support(tmp_path: Path) -> None:
+    shown = tmp_path / "s" / "calibration" / "calibration.yaml"
+    for written, proposed in ((("60", "0.7"), "0.7"), (("60", "0.05"), "0.5"), ((), "0.5")):
+        maps = [tmp_path / f"map_{depth}m.npz" for depth in written]
+        *_, following = farewell_lines(tmp_path, shown, maps, depth=0.5, boards=(0.3, 1.2))
+        assert f" --depth {proposed} " in following
+
+
+def test_the_farewell_proposes_no_use_of_what_must_not_be_used(tmp_path: Path) -> None:
+    shown = tmp_path / "calibration" / "calibration.yaml"
+    *_, why, following = farewell_lines(tmp_path, shown, [], doubt="Do not use it.")
+    assert why == "Do not use it. The report says why, and what to do."
+    assert following == f"Next: calib report {shown.parent}"
+
+
 def test_the_farewell_of_an_interrupted_refit_names_the_older_calibration(tmp_path: Path) -> None:
     shown = tmp_path / "calibration" / "calibration.yaml"
     first, *remainder = farewell_lines(tmp_path, shown, [], was_cancelled=True)

@@ -18,6 +18,7 @@ from capture.tui.command import CommandResult
 from capture.tui.drop import DroppedPicture, drop_picture, restore_picture
 from capture.tui.fit import FitScreen
 from capture.tui.help import HelpScreen
+from capture.tui.mirror import describe_screen
 from capture.tui.results import ResultsScreen
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
@@ -105,6 +106,27 @@ async def _renewed(session: Path) -> None:
         await pilot.press("x")
         await see(pilot, "These maps are of the calibration as a check")
         assert pilot.app.screen.query_one("#folder", Input).value == str(updated / "export")
+
+
+def test_the_report_and_no_export_is_the_main_button_of_what_must_not_be_used(
+    session: Path,
+) -> None:
+    drive(_forbidden(session))
+
+
+async def _forbidden(session: Path) -> None:
+    sentences = ["Do not use it.", "The board would be 16 mm wide."]
+    result = {**RESULT, "verdict": {"word": "do_not_use", "sentences": sentences}}
+    for path in (session / "frames" / "dropped").iterdir():
+        shutil.move(path, session / "frames")
+    async with running(session) as pilot:
+        pilot.app.push_screen(ResultsScreen(session, result))
+        await see(pilot, "Press r for the report, which says what to correct.")
+        keys = describe_screen(pilot.app)["keys"]
+        assert [key["label"] for key in keys if key["main"]] == ["Report"]  # type: ignore[attr-defined]
+        await pilot.press("x")
+        await see(pilot, "depths in metres")
+        assert any("Do not use it." in line for line in shown(pilot).splitlines()[3:8])
 
 
 def test_a_picture_that_is_gone_cannot_be_set_aside(session: Path) -> None:
