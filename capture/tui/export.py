@@ -57,7 +57,7 @@ class ExportScreen(Dialog[str]):
 
     DEFAULT_CSS = """
     ExportScreen { align: center middle; }
-    ExportScreen #box { width: 76; height: 19; padding: 0 1; }
+    ExportScreen #box { width: 76; height: 21; padding: 0 1; }
     ExportScreen #box { border: round $primary; background: $surface; }
     ExportScreen .row { height: 1; margin: 0 0 1 0; }
     ExportScreen .row Label { width: 18; }
@@ -89,14 +89,16 @@ class ExportScreen(Dialog[str]):
         boards: tuple[float, float] | None = None,
         *,
         note: str = "",
+        advice: str = "",
         pictures: Path | None = None,
     ) -> None:
         """`depth`, in metres, is proposed; `boards`, in metres, is the range from the nearest to
-        the farthest board, if it is known. `note` is shown before the export. `pictures` is the
-        folder of the session's pictures.
+        the farthest board, if it is known. `note` is shown above the fields, `advice` below them.
+        `pictures` is the folder of the session's pictures.
         """
         super().__init__()
         self._note = note
+        self._advice = advice
         self._boards = boards
         self.is_writing = False
         self._accepted: set[str] = set()
@@ -132,6 +134,9 @@ class ExportScreen(Dialog[str]):
                 "folder",
                 Field(str(self._folder), id="folder", suggester=suggester, compact=True),
             )
+            advice = Static(harmless(self._advice), id="advice", markup=False)
+            advice.display = bool(self._advice)
+            yield advice
             yield Button("Export", id="export", variant="primary", compact=True)
             yield Static(id="said", markup=False)
         yield SizeNotice()

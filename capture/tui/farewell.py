@@ -78,7 +78,7 @@ def farewell_lines(
         yield from _exported_lines(maps)
         if doubt:
             yield f"{doubt} The report says why, and what to do."
-            yield f"Next: {_command('calib', 'report', folder)}"
+            yield f"Next: {shell_command('calib', 'report', folder)}"
         if doubt != Trust.DO_NOT_USE.sentence:
             use = _next_command(session, folder, _supported_depth(maps, boards, depth))
             yield f"{'Then' if doubt else 'Next'}: {use}"
@@ -92,7 +92,7 @@ def farewell_lines(
         )
     else:
         yield f"Nothing is recorded in {_printable(session)} yet; what was typed is kept."
-    yield f"To go on: {_command('capture', session)}"
+    yield f"To go on: {shell_command('capture', session)}"
 
 
 def _exported_lines(paths: Sequence[Path]) -> Iterator[str]:
@@ -121,6 +121,11 @@ def select_newer(calibration: Path, paths: Iterable[Path]) -> Sequence[Path]:
     return [path for path in paths if path.is_file() and path.stat().st_mtime_ns >= made]
 
 
+def shell_command(*words: str | Path) -> str:
+    """Return a command that can be typed in a terminal."""
+    return harmless(runnable_command(shlex.join(map(str, words))))
+
+
 def _supported_depth(
     maps: Sequence[Path], boards: tuple[float, float] | None, proposed: float
 ) -> str:
@@ -138,7 +143,7 @@ def _supported_depth(
 
 def _next_command(session: Path, folder: Path, depth: str) -> str:
     """Return the command that undistorts the session's pictures."""
-    return _command(
+    return shell_command(
         "calib",
         "undistort",
         folder,
@@ -148,10 +153,6 @@ def _next_command(session: Path, folder: Path, depth: str) -> str:
         "-o",
         session / "undistorted",
     )
-
-
-def _command(*words: str | Path) -> str:
-    return harmless(runnable_command(shlex.join(map(str, words))))
 
 
 def _printable(path: Path) -> str:

@@ -62,12 +62,14 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
     from calib.fitting.cover_section import cover_section
     from calib.fitting.description import describe
     from calib.fitting.view_noise import describe_noisy_views
+    from calib.session.shapes.layer import medium_word
     from calib.verdict.judge import judge
     from calib.verdict.uncertainty import map_sigmas, reached_depths
 
     verdict = judge(calibration, folder=saved.parent)
     observations = calibration.observations
     path, values = calibration.model()
+    medium = calibration.declared.cover.medium
     residual = residuals(path, values, observations, from_numpy(calibration.poses))
     views = [
         {
@@ -97,6 +99,7 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "verdict": {"word": verdict.word.value, "sentences": verdict.sentences},
         "notes": verdict.notes,
+        "medium": medium_word(medium.value) if medium else "",
         "sigma_px": [
             {"depth_m": depth, "px": px}
             for depth, px in map_sigmas(calibration, reached_depths(calibration)).items()

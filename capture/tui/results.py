@@ -19,6 +19,7 @@ from textual.widgets.option_list import Option
 from calib.corners.detect import eight_bits
 from calib.errors import RefracalError, harmless
 from calib.io.images import frames_folder, read_grey
+from calib.session.shapes.layer import AIR, MEDIA, WATER
 from calib.verdict.verdict import Trust
 from capture.tui.camera import Preview
 from capture.tui.cells import CORNER_MARK, WORST_MARK, Mark
@@ -34,7 +35,7 @@ from capture.tui.drop import (
 )
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
-from capture.tui.farewell import CALIBRATION, DEPTH, updated_folder
+from capture.tui.farewell import CALIBRATION, DEPTH, shell_command, updated_folder
 from capture.tui.numbers import Numbers
 from capture.tui.page import HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
@@ -344,6 +345,14 @@ class ResultsScreen(Page):
                 " that."
             )
 
+    def _water_advice(self, calibration: Path) -> str:
+        """Return how maps for water follow from a usable calibration in air; else an empty text."""
+        if self._forbidden or self.result.get("medium") != AIR:
+            return ""
+        index = f"{MEDIA[WATER]:g}"
+        command = shell_command("calib", "immerse", calibration.parent, "--outside-index", index)
+        return f"These maps are for air. For use under water, type on a terminal: {command}"
+
     def _next_steps(self) -> str:
         exports = "x for maps and straight pictures"
         if self._trusted:
@@ -500,7 +509,13 @@ class ResultsScreen(Page):
             )
         pictures = frames_folder(self.session)
         screen = ExportScreen(
-            session, calibration, self._depth, self._boards, note=note, pictures=pictures
+            session,
+            calibration,
+            self._depth,
+            self._boards,
+            note=note,
+            advice=self._water_advice(calibration),
+            pictures=pictures,
         )
         self.app.push_screen(screen, lambda wrote: self._say(wrote) if wrote else None)
 

@@ -36,9 +36,9 @@ def later(tmp_path: Path) -> Path:
 @asynccontextmanager
 async def results(session: Path) -> AsyncIterator[Pilot[None]]:
     async with running(session) as pilot:
-        pilot.app.push_screen(
-            ResultsScreen(session, open_results(Silent(), session / "calibration"))
-        )
+        opened = open_results(Silent(), session / "calibration")
+        assert opened["medium"] == "air"
+        pilot.app.push_screen(ResultsScreen(session, opened))
         await see(pilot, "The error fell from")
         yield pilot
 

@@ -177,12 +177,19 @@ async def _from_nothing(address: str, folder: Path) -> None:
         assert await phone.evaluate(FETCH % 0) == "200 text/html"
         await phone.press("e")
         await phone.see("Nothing found")
+        assert float(str(await phone.evaluate(LETTERS))) >= 12, "a table of readable letters"
         await _keep(phone, "8-effects")
         await phone.press("escape")
         await phone.press("x")
         await phone.see("Maps that undistort pictures")
         form = 'document.getElementById("choice-form").textContent'
         await phone.until(f"{form}.startsWith('straight')")  # a phone can show these
+        await phone.choose("form", "further")
+        await phone.see("which form")
+        await phone.tap('document.getElementById("choice-form")')
+        forms = 'document.getElementById("choice-form").parentElement.querySelector("ul")'
+        assert await phone.sees_whole(forms), "the forms need no scrolling"
+        await phone.tap('document.getElementById("choice-form")')
         await phone.choose("form", "npz")
         await phone.fill("depths", "0.5 1")
         await phone.let_go()
@@ -285,6 +292,8 @@ READ = """
 )
 """
 """The height in which the results are read, below what stays and above the buttons, points."""
+LETTERS = "parseFloat(getComputedStyle(document.querySelector('main pre')).fontSize)"
+"""The size of the letters of a table, points."""
 CHOICE = "[...document.querySelectorAll('.choice > button')].at(-1)"
 OPTIONS = f"{CHOICE}.parentElement.querySelector('ul')"
 """The last list of the set-up, the shape of the cover."""

@@ -9,7 +9,7 @@ from threading import Event
 
 import pytest
 from textual.pilot import Pilot
-from textual.widgets import Input
+from textual.widgets import Input, Static
 
 from calib.progress import Progress
 from capture.tui.app import CaptureApp
@@ -108,6 +108,57 @@ async def _renewed(session: Path) -> None:
         assert pilot.app.screen.query_one("#folder", Input).value == str(updated / "export")
 
 
+def test_a_dropped_view_moves_no_button(session: Path) -> None:
+    restore(session)
+    drive(_drop(session))
+
+
+async def _drop(session: Path) -> None:
+    async with results(session) as pilot:
+        pilot.app.on_phone = True  # type: ignore[attr-defined]
+        labels, top, main = buttons(pilot)
+        assert (top, main) == (["Export"], ["Export"])
+        await pilot.press("d")
+        await see(pilot, "is set aside in frames/dropped")
+        assert buttons(pilot) == (labels, ["Export"], ["Fit"])
+
+
+def buttons(pilot: Pilot[None]) -> tuple[list[str], list[str], list[str]]:
+    """Return the labels of a phone's buttons, of those in the first row, and of the main one."""
+    keys: list[dict[str, str]] = describe_screen(pilot.app)["keys"]  # type: ignore[assignment]
+    return (
+        [key["label"] for key in keys],
+        [key["label"] for key in keys if key["top"]],
+        [key["label"] for key in keys if key["main"]],
+    )
+
+
+def restore(session: Path) -> None:
+    for path in (session / "frames" / "dropped").iterdir():
+        shutil.move(path, session / "frames")
+
+
+@pytest.mark.parametrize("medium", ["air", "water", ""])
+def test_the_export_of_a_calibration_in_air_names_the_way_to_water(
+    session: Path, medium: str
+) -> None:
+    restore(session)
+    drive(_to_water(session, medium))
+
+
+async def _to_water(session: Path, medium: str) -> None:
+    async with running(session) as pilot:
+        pilot.app.push_screen(ResultsScreen(session, {**RESULT, "medium": medium}))
+        await see(pilot, "x for maps and straight pictures")
+        await pilot.press("x")
+        await see(pilot, "depths in metres")
+        folder = Path(str(RESULT["calibration"])).parent
+        command = f"calib immerse {folder} --outside-index 1.333"
+        advice = str(pilot.app.screen.query_one("#advice", Static).content)
+        said = f"These maps are for air. For use under water, type on a terminal: {command}"
+        assert advice == (said if medium == "air" else "")
+
+
 def test_the_report_and_no_export_is_the_main_button_of_what_must_not_be_used(
     session: Path,
 ) -> None:
@@ -117,13 +168,11 @@ def test_the_report_and_no_export_is_the_main_button_of_what_must_not_be_used(
 async def _forbidden(session: Path) -> None:
     sentences = ["Do not use it.", "The board would be 16 mm wide."]
     result = {**RESULT, "verdict": {"word": "do_not_use", "sentences": sentences}}
-    for path in (session / "frames" / "dropped").iterdir():
-        shutil.move(path, session / "frames")
+    restore(session)
     async with running(session) as pilot:
         pilot.app.push_screen(ResultsScreen(session, result))
         await see(pilot, "Press r for the report, which says what to correct.")
-        keys = describe_screen(pilot.app)["keys"]
-        assert [key["label"] for key in keys if key["main"]] == ["Report"]  # type: ignore[attr-defined]
+        assert buttons(pilot)[1:] == (["Export"], ["Report"]), "each in its place"
         await pilot.press("x")
         await see(pilot, "depths in metres")
         assert any("Do not use it." in line for line in shown(pilot).splitlines()[3:8])
