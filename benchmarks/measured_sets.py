@@ -2,6 +2,7 @@
 
 Every third view is kept back. Each program calibrates with the others, and each of its kept-back
 views gets the pose that suits it best; the error is the root mean square of all corners there, px.
+"Noise" is that of single corners, over the error of the best other program: no model can be better.
 mrcal estimates the board's warp, and is left out where /usr/bin/python3 does not have it.
 
     python -m benchmarks.measured_sets SESSION...
@@ -70,9 +71,10 @@ def main() -> None:
 def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
     """Print the errors on the kept-back views, and the ratio to the best other program."""
     table = Table(
-        "session", "ours", "flat board", "best other", "ratio", "CPU s", "others", "found"
+        *("session", "ours", "flat board", "best other", "ratio", "noise", "CPU s", "others"),
+        "found",
     )
-    ratios = []
+    ratios, floors = [], []
     console = Console(width=200)
     for folder in folders:
         with TemporaryDirectory() as temporary:
@@ -84,25 +86,29 @@ def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
                 calibration, diagnosis = diagnose(calibration)
                 causes = names(diagnosis)
             seconds = time.process_time() - start
+            floor = calibration.noise_px or np.nan
             ours = evaluate(calibration, held_out, halves=diagnosed).rms_px
             without_bend = fit(training, Settings(flat_board=True))
             flat = evaluate(without_bend, held_out, halves=diagnosed).rms_px
             peer_errors = dict(peers(training, held_out, halves=diagnosed))
         best = min(peer_errors.values())
         ratios.append(ours / best)
+        floors.append(floor / best)
         table.add_row(
             str(folder),
             f"{ours:.4f}",
             f"{flat:.4f}",
             f"{best:.4f}",
             f"{ratios[-1]:.2f}",
+            f"{floors[-1]:.2f}",
             f"{seconds:.1f}",
             ", ".join(f"{name} {error:.4f}" for name, error in peer_errors.items()),
             causes,
         )
     console.print(table)
     console.print(
-        f"ratio to the best other: median {np.median(ratios):.2f}, most {max(ratios):.2f}"
+        f"ratio to the best other: median {np.median(ratios):.2f}, most {max(ratios):.2f}; of the"
+        f" noise of single corners: median {np.nanmedian(floors):.2f}, most {np.nanmax(floors):.2f}"
     )
 
 
