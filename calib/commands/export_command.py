@@ -119,6 +119,11 @@ def run(args: argparse.Namespace) -> None:
     camera = calibration.camera
     depths = tuple(dict.fromkeys(args.depth))
     axes = args.axes or AXES[0]
+    for remark in (
+        *describe_depths(calibration, depths),
+        *describe_unsupported(calibration, depths),
+    ):
+        print(remark, file=sys.stderr)
     names = file_names(form, depths, (camera.width, camera.height), axes)
     exports = []
     with Bars() as bars, ExitStack() as stack:
@@ -135,11 +140,6 @@ def run(args: argparse.Namespace) -> None:
     print_paths([path for exported in exports for path in exported.paths])
     for exported in exports:
         _print_remarks(form, exported, find_outdated_files(exported.paths, inputs[0]))
-    for remark in (
-        *describe_depths(calibration, depths),
-        *describe_unsupported(calibration, depths),
-    ):
-        print(remark, file=sys.stderr)
 
 
 def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:

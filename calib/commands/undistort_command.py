@@ -122,6 +122,12 @@ def run(args: argparse.Namespace) -> None:
         raise InputError("A bag is undistorted by itself: give it alone.")
     check_order(args.calibration, args.images)
     calibration = Calibration.load(args.calibration)
+    depths = [args.depth] if args.depth is not None else []
+    for note in (
+        *describe_depths(calibration, depths),
+        *describe_unsupported(calibration, depths),
+    ):
+        print(note, file=sys.stderr)
     with Bars() as bars:
         paths, cut_off, remark = (_straighten_bag if bags else _straighten_files)(
             args, calibration, bars
@@ -129,12 +135,6 @@ def run(args: argparse.Namespace) -> None:
     print_paths(paths)
     if limit := undistortion_limit(calibration):
         print(limit, file=sys.stderr)
-    depths = [args.depth] if args.depth is not None else []
-    for note in (
-        *describe_depths(calibration, depths),
-        *describe_unsupported(calibration, depths),
-    ):
-        print(note, file=sys.stderr)
     if remark:
         print(remark, file=sys.stderr)
     if cut_off:
