@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> None:
         finally:  # if the report fails, the finding is still written and printed
             files.commit(instead_of=DERIVED)
             # where nothing was found, the calibration as it was given is the one to use
-            used = output if finding.accepted else folder_of(args.calibration)
+            used = output if finding.added else folder_of(args.calibration)
             verdict = judge(better, folder=used)
             if args.json:
                 print_json(

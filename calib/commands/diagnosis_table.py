@@ -52,15 +52,16 @@ def _errors(finding: Diagnosis) -> Table:
         "fitted views",
         "on the board",
         "held-out views",
-        title=f"{'Before and after' if finding.accepted else 'Error'} (root mean square)",
+        title=f"{'Before and after' if finding.added else 'Error'} (root mean square)",
     )
     for column in table.columns[1:]:
         column.justify = "right"
     if (given_px := finding.given_held_out_px) is not None:
         table.add_row("as given (calib evaluate)", "", "", f"{given_px:.3f} px")
     before, after = finding.base_quality, finding.final_quality
-    rows = [("before, with a flat board", before), ("after, with those found", after)]
-    for name, quality in rows if finding.accepted else [("of the calibration", before)]:
+    first = "before" if finding.earlier else "before, with a flat board"
+    rows = [(first, before), ("after, with those found", after)]
+    for name, quality in rows if finding.added else [("of the calibration", before)]:
         table.add_row(
             name,
             f"{quality.rms_px:.3f} px",

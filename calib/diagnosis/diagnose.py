@@ -160,6 +160,7 @@ def diagnose(
         residual=tuple(_shares(calibration, base, observations)),
         candidates=tuple(_candidates(state, accepted)),
         accepted=accepted,
+        earlier=tuple(effect.name for effect in model.effects if effect.name in accepted),
         families=families,
         formulas=formulas,
         differing=differing,

@@ -130,15 +130,26 @@ class Diagnosis:
     """
     decided: bool = True
     """False if there were too few views to confirm any effect."""
+    earlier: tuple[str, ...] = ()
+    """The accepted effects that the calibration had already."""
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """The accepted effects that the calibration did not have."""
+        return tuple(name for name in self.accepted if name not in self.earlier)
 
     @property
     def headline(self) -> str:
         """The findings, in one sentence."""
-        if self.accepted:
-            return f"Found: {', '.join(self.accepted)}."
+        beside = f" beside {', '.join(self.earlier)}" if self.earlier else ""
+        if self.added:
+            return f"Found{beside}: {', '.join(self.added)}."
         if not self.decided:
             return "Not decided: there are too few views to confirm a cause."
-        return "Nothing found: no known effect improves the held-out views by more than chance."
+        return (
+            f"Nothing found{beside}: no known effect improves the held-out views by more than"
+            " chance."
+        )
 
     def table(self) -> Table:
         """Return the errors before and after, and the accepted effects, as a table."""
@@ -180,6 +191,7 @@ class Diagnosis:
             },
             "candidates": [asdict(candidate) for candidate in self.candidates],
             "accepted": list(self.accepted),
+            "earlier": list(self.earlier),
             "families": [asdict(family) for family in self.families],
             "differs": self.differing.as_json() if self.differing else None,
             "formulas": [asdict(formula) for formula in self.formulas],

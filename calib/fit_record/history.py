@@ -137,6 +137,11 @@ class DiagnosisRecord:
         )
 
     @property
+    def had_effects(self) -> bool:
+        """True if the diagnosed calibration had effects already."""
+        return bool(self.document.get("earlier"))
+
+    @property
     def decided(self) -> bool:
         """False if there were too few views to confirm any effect."""
         return bool(self.document.get("decided", True))

@@ -105,7 +105,8 @@ def _errors_html(diagnosis: DiagnosisRecord) -> str:
 def _error_rows(diagnosis: DiagnosisRecord) -> Iterator[tuple[str, ...]]:
     first = diagnosis.qualities[0]
     largest = max(max(errors.rms_px, errors.held_out_px) for errors in diagnosis.qualities)
-    names = ("before, with a flat board", "after, with those found")
+    first_name = "before" if diagnosis.had_effects else "before, with a flat board"
+    names = (first_name, "after, with those found")
     for name, errors in zip(names, diagnosis.qualities, strict=True):
         fallen = f" ({change(errors.held_out_px, first.held_out_px)})" if errors != first else ""
         yield (

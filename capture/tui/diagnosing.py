@@ -54,7 +54,7 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
         for candidate in finding.candidates
     }
     return results_summary(diagnosed_calibration, saved) | {
-        "accepted": list(finding.accepted),
+        "accepted": list(finding.added),
         "text": as_text(finding, numbers, words),
     }
 
@@ -73,7 +73,7 @@ def as_text(
         words: the description of an effect, by its name.
     """
     without, with_effects = finding.base_quality, finding.final_quality
-    column_title = "with it" if len(finding.accepted) < 2 else "with them"
+    column_title = "with it" if len(finding.added) < 2 else "with them"
     lines = [
         finding.headline,
         "",

@@ -92,3 +92,23 @@ def test_a_diagnosis_that_found_nothing_has_one_error(
     assert len(rows) == 2, "the error and the noise"
     assert "of the calibration" in rows[0]
     assert lines[-2] == "What was considered", "no columns without figures"
+
+
+@pytest.mark.parametrize("is_added", [False, True])
+def test_effects_that_the_calibration_had_are_not_found_again(
+    is_added: bool, plain: Calibration, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before, after = Quality(0.224, 0.0177, 0.291), Quality(0.1, 0.01, 0.12)
+    accepted = ("board_shape", *(["board_scale"] * is_added))
+    finding = Diagnosis(
+        0.016, "", (), (), accepted, before, after, 0.0, "", (), earlier=("board_shape",)
+    )
+    print_diagnosis(finding, plain)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "with a flat board" not in printed
+    if is_added:
+        assert printed.startswith("Found beside board_shape: board_scale.")
+        assert "before │" in printed
+    else:
+        assert printed.startswith("Nothing found beside board_shape: no known effect improves")
+        assert "after, with those found" not in printed

@@ -116,6 +116,8 @@ def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(
     assert np.array_equal(read_back.rays(pixels)[1], better.rays(pixels)[1])
     _, second = diagnose(read_back, Silent())
     assert second.accepted == ("board_shape",)  # it is in the model already, and nothing is added
+    assert second.added == ()
+    assert second.headline.startswith("Nothing found beside board_shape: no known effect")
     assert second.final_quality.rms_px == pytest.approx(finding.final_quality.rms_px, rel=0.01)
 
 
