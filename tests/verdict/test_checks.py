@@ -344,8 +344,8 @@ def test_pictures_of_something_else_must_not_be_used(good: Calibration) -> None:
     (reason,) = asked(held_out, noisy, evaluation=evaluated(0.49, 0.4, 1.0))
     assert reason.word is Trust.CARE
     fitted = replace(evaluated(0.61, 0.4, 1.0), fitted_views=5)
-    known, reason = asked(held_out, noisy, evaluation=fitted)
-    assert "fitted to all of these views" in known.sentence
+    reused, reason = asked(held_out, noisy, evaluation=fitted)
+    assert "fitted to all of these views" in reused.sentence
     assert reason.sentence.startswith("these views have 0.610 px")
 
 
