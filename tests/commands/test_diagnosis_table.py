@@ -68,10 +68,10 @@ def test_the_table_is_narrow_and_lists_effects_by_outcome(
 def test_the_error_as_given_has_its_name(
     plain: Calibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    before, after = Quality(0.224, 0.0177, 0.291), Quality(0.1, 0.01, 0.12)
+    first, last = Quality(0.224, 0.0177, 0.291), Quality(0.1, 0.01, 0.12)
     found = ("board_shape",)
     finding = Diagnosis(
-        0.016, "", (), (), found, before, after, 0.0, "", (), given_held_out_px=0.266
+        0.016, "", (), (), found, first, last, 0.0, "", (), given_held_out_px=0.266
     )
     print_diagnosis(finding, plain)
     rows = [line for line in capsys.readouterr().out.splitlines() if " px" in line]
@@ -98,10 +98,10 @@ def test_a_diagnosis_that_found_nothing_has_one_error(
 def test_effects_that_the_calibration_had_are_not_found_again(
     is_added: bool, plain: Calibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    before, after = Quality(0.224, 0.0177, 0.291), Quality(0.1, 0.01, 0.12)
+    first, last = Quality(0.224, 0.0177, 0.291), Quality(0.1, 0.01, 0.12)
     accepted = ("board_shape", *(["board_scale"] * is_added))
     finding = Diagnosis(
-        0.016, "", (), (), accepted, before, after, 0.0, "", (), earlier=("board_shape",)
+        0.016, "", (), (), accepted, first, last, 0.0, "", (), earlier=("board_shape",)
     )
     print_diagnosis(finding, plain)
     printed = " ".join(capsys.readouterr().out.split())

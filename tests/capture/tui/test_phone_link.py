@@ -188,11 +188,11 @@ def test_marks_move_with_stacked_pictures() -> None:
     spots = [(200, 120), (900, 420)]
     for frame, (x, y) in zip(frames, spots, strict=True):
         frame[y - 20 : y + 21, x - 20 : x + 21] = 255
-    parts = [
+    previews = [
         (Preview.of(frame, sharp=True), [Mark("+", np.array([spot], np.float64), label="a")])
         for frame, spot in zip(frames, spots, strict=True)
     ]
-    image, (width, height), marks = stack_pictures(parts)
+    image, (width, height), marks = stack_pictures(previews)
     assert (width, height) == (1200, 900 + 600)
     assert image.shape[1] / image.shape[0] == pytest.approx(width / height, rel=0.01)
     scale = width / image.shape[1]
