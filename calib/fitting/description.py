@@ -205,7 +205,7 @@ def _row(number: Comparison) -> tuple[str, ...]:
     declared = number.stated if number.source == DECLARED else f"{number.stated} (bare/)"
     is_compared = not number.held and not number.unknown
     difference = abs(number.estimate - number.declared) / number.tolerance if is_compared else None
-    words = "" if difference is None else f"{difference:.1f} tolerances"
+    words = "" if difference is None else f"{difference:.2g} tolerances"
     estimated = number.estimated
     if number.held:  # with the digits of the declared one
         estimated = f"{number.estimate:.6g} {number.unit}".rstrip()
