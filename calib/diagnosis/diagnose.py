@@ -24,7 +24,13 @@ from calib.effects.registry import EFFECTS
 from calib.errors import NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
-from calib.estimation.noise import burst_noise, on_board_grid, short_scale_noise, stated_noise
+from calib.estimation.noise import (
+    burst_noise,
+    is_stated_noise,
+    on_board_grid,
+    short_scale_noise,
+    stated_noise,
+)
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fit_record.history import DiagnosisRecord, Family, Quality
@@ -119,7 +125,9 @@ def diagnose(
             state = run_search(state)
             advance(STEPS - 1, "rivals")
             state, families = find_families(state)
-            differing = state.evaluations.differing
+            left_px = _residuals(state.fit, observations).rms_px
+            if not is_stated_noise(calibration.board, left_px, stated_noise(calibration.views)):
+                differing = state.evaluations.differing
         held_out = state.evaluations.held_out_errors().rms
         advance(STEPS, "")
         formulas = tuple(printed_forms(state))

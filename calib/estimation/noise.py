@@ -48,6 +48,19 @@ def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float | N
     return _robust_noise(_second_differences(residuals, board).ravel())
 
 
+STATED_NOISE_RATIO = 1.25
+"""Error over the noise that a target's points state, up to which the error is their noise.
+
+Decoded points state it to a quarter (docs/screen-target.md). Their systematic errors, up to 0.002
+px, differ from view to view, and are significant among so many points.
+"""
+
+
+def is_stated_noise(board: Board, rms_px: float, noise_px: float | None) -> bool:
+    """True for a target of points if the error, px, is no more than the noise that they state."""
+    return not board.has_grid and noise_px is not None and rms_px <= STATED_NOISE_RATIO * noise_px
+
+
 def stated_noise(views: Sequence[View]) -> float | None:
     """Return the noise that the covariances of points state, px, as `short_scale_noise` does from
     residuals; None if a view has none.

@@ -8,12 +8,13 @@ from functools import lru_cache
 from calib.calibration import Calibration
 from calib.effects.fine_surface import FineSurface
 from calib.effects.varying import MANNERS, VARYING_NUMBERS, CameraOfView, Varying
+from calib.estimation.noise import is_stated_noise
 from calib.fitting.differing import ADVICE, Differing
 from calib.inference.effect_context import effect_context
 from calib.inference.score_test import score_tests
 from calib.verdict.case import Case, optimum_of
 from calib.verdict.residual import beyond_noise, likely_scores
-from calib.verdict.thresholds import AGREED, POINT_NOISE
+from calib.verdict.thresholds import AGREED
 from calib.verdict.verdict import Reason
 
 BUMP = (
@@ -36,7 +37,9 @@ def differing_views(case: Case) -> Iterator[Reason]:
             yield Reason(sentence, case.next.capture(), (effect.name,))
     diagnosed = case.calibration.history.diagnosis is not None
     window_possible = not diagnosed and not case.calibration.model()[0].cover
-    if not case.at_optimum or (window_possible and beyond_noise(case)) or _is_point_noise(case):
+    if not case.at_optimum or (window_possible and beyond_noise(case)):
+        return
+    if is_stated_noise(case.calibration.board, case.left_px, case.calibration.noise_px):
         return
     scores = likely_scores(case)
     shared = max((test.chi2 / 2 for test in scores if not test.effect.per_view), default=0.0)
@@ -52,13 +55,6 @@ def differing_views(case: Case) -> Iterator[Reason]:
         groups = (variation.group for variation in differing.variations)
         suspects = tuple(group.name for group in groups if group.has_cause)
         yield Reason(str(differing), command, suspects)
-
-
-def _is_point_noise(case: Case) -> bool:
-    """True for a target of points if the error is no more than the noise that they state."""
-    noise = case.calibration.noise_px
-    has_grid = case.calibration.board.has_grid
-    return not has_grid and noise is not None and case.left_px <= POINT_NOISE * noise
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

@@ -90,12 +90,6 @@ Rendered sessions that hide nothing have 0.004 at most.
 NAMED_BESIDE = 0.5
 """Relative to the best promise: other effects that promise more may be the cause as well."""
 MOST_NAMED = 3
-POINT_NOISE = 1.25
-"""Error over the noise that a target's points state, up to which the error is their noise.
-
-Decoded points state it to a quarter (docs/screen-target.md). Their systematic errors, up to 0.002
-px, differ from view to view, and are significant among so many points.
-"""
 BEYOND_NOISE = 2.0
 """Error over the corners' noise.
 

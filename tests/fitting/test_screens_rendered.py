@@ -103,6 +103,7 @@ def test_nothing_is_found_on_clean_glass() -> None:
     """
     calibration, finding = diagnosed("screen-clean")
     assert finding.accepted == ()
+    assert finding.differing is None
     sentences = [reason.sentence for reason in judge(calibration).reasons]
     assert not any("view to view" in sentence for sentence in sentences), sentences
 
