@@ -361,3 +361,19 @@ def test_numbers_that_a_fit_held_are_estimated_once_the_cause_is_in_the_model(
     for words, result in (("held", held), ("estimated", better)):
         error, sigma = next(errors(made, result))
         print(f"{words}: off by {rms(error):.1f} px at 0.3 m, {rms(sigma):.1f} predicted")
+
+
+@pytest.mark.slow
+def test_a_cause_that_no_model_has_forbids_a_name_alone() -> None:
+    """The print changes at one view. The diagnosis can add the motion of each board, which imitates
+    it, but no print that changes.
+    """
+    varied = varied_session("wet-flat", cause_of("board_scale/step"), 5060039, SIZES["ten"], 13)
+    _, diagnosis = diagnose(calibrated(varied.scene, varied.setup, Settings()), Silent())
+    assert "rolling_shutter" in diagnosis.accepted
+    family = next(one for one in diagnosis.families if "rolling_shutter" in one.members)
+    likeliest, *rest = family.members
+    assert likeliest == "board_scale"
+    assert "rolling_shutter" in rest
+    assert "use one board" in family.experiment
+    assert family.members["board_scale"] > 0.5

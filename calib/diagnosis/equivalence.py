@@ -23,14 +23,14 @@ from calib.diagnosis.search import simplify
 from calib.diagnosis.search_state import SearchState
 from calib.diagnosis.sentences import separation
 from calib.diagnosis.trial import Trial, is_impossible
-from calib.effects.effect import Effect
+from calib.effects.effect import Effect, EffectContext
 from calib.effects.registry import KINDS
 from calib.effects.varying import Varying
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.fit_record.history import Family
-from calib.fitting.differing import Differing, evidence_scale
+from calib.fitting.differing import ADVICE, Differing, evidence_scale
 from calib.inference.cross_validation import held_out_gain
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel, ModelFit
@@ -106,6 +106,7 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
         most probable one; and the family, if it is not almost sure.
     """
     rivals = _rivals(state, effect)
+    unmodelled = _unmodelled(state, effect)
     members = [effect, *(rival.test.effect for rival in rivals)]
     fits = [state.fit, *(rival.fit for rival in rivals)]
     likeliest = int(np.argmax([fit.joint.log_marginal for fit in fits]))
@@ -128,7 +129,8 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
     if best:
         state = _replace_effect(state, rivals[best - 1])
     name = members[best].name
-    if min(probabilities[best], equal_prior[best]) >= NAME_ALONE:  # by these views alone, too
+    is_sure = min(probabilities[best], equal_prior[best]) >= NAME_ALONE  # by these views alone, too
+    if is_sure and not unmodelled:
         return state, name, None
     reported = [
         index
@@ -139,7 +141,45 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
     shares = {member.name: float(probabilities[members.index(member)]) for member in family}
     subject = " or ".join(dict.fromkeys(member.about for member in family))
     experiment = separation(state, family[0], family[1:])
-    return state, name, Family(f"something about {subject}", shares, experiment)
+    if unmodelled:
+        rest = 1 - sum(unmodelled.values())
+        shares = unmodelled | {key: rest * value for key, value in shares.items()}
+        likeliest_name = max(unmodelled, key=lambda key: unmodelled[key])
+        if unmodelled[likeliest_name] > 0.5:
+            experiment = f"To find out, {ADVICE[likeliest_name]}."
+    ordered = sorted(shares.items(), key=lambda item: -item[1])
+    return state, name, Family(f"something about {subject}", dict(ordered), experiment)
+
+
+def _unmodelled(state: SearchState, effect: Effect) -> dict[str, float]:
+    """Return what may differ from view to view in the place of an effect that does, and that no
+    model can have: the names of the numbers, with their probabilities beside that of the effect.
+    """
+    if not effect.varies:
+        return {}
+    fitted, context = _without(state, effect)
+    differing = Differing.of(fitted, context, nameless=False) if fitted.joint.finite else None
+    if not differing:
+        return {}
+    chances = dict.fromkeys([effect.name], MIN_MEMBER_PROBABILITY)
+    for variation, chance in zip(differing.variations, differing.probabilities, strict=True):
+        name = variation.group.name
+        if name == effect.name or not (variation.effects(context) or not variation.group.has_cause):
+            chances[name] = chance
+    total = sum(chances.values())
+    return {
+        name: chance / total
+        for name, chance in chances.items()
+        if name != effect.name and chance / total > 1 - NAME_ALONE
+    }
+
+
+def _without(state: SearchState, effect: Effect) -> tuple[FittedModel, EffectContext]:
+    """Return the fit without an effect, and its context."""
+    base = state.evaluations.refit_without(effect)
+    problem = state.problem
+    fitted = FittedModel(base.model, problem.observations, base.joint)
+    return fitted, effect_context(fitted, problem.board, problem.camera, locate=False)
 
 
 def _replace_effect(state: SearchState, rival: Rival) -> SearchState:
@@ -176,11 +216,10 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
     """
     base = state.evaluations.refit_without(effect)
     problem = state.problem
-    fitted = FittedModel(base.model, problem.observations, base.joint)
     if not base.joint.finite:
         return []
+    fitted, context = _without(state, effect)
     present = {e.name for e in state.model.effects}
-    context = effect_context(fitted, problem.board, problem.camera, locate=False)
     # Numbers of single views can imitate what the model lacks, also where they get no name.
     differing = Differing.of(fitted, context, nameless=False)
     varying = [
