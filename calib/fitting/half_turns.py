@@ -164,7 +164,7 @@ def _most_probable_turns(fitted: FittedModel, setup: Setup) -> NDArray[np.bool_]
     context = effect_context(fitted, setup.board, setup.camera, locate=False)
     group = turned_board(setup.board)
     equations = VariationEquations.of(VariationRows.of(fitted, context)).group(group)
-    if equations.in_two_kinds(equations.in_every_view().deviations).gain < MIN_GAIN:
+    if equations.in_two_kinds().gain < MIN_GAIN:
         return still
     differing = Differing.of(fitted, context)
     if not (differing and differing.named and differing.first.group == group):

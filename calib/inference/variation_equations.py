@@ -23,6 +23,7 @@ from functools import cached_property
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from calib.estimation.normal_equations import ReducedProducts
 from calib.inference.model_discrepancy import Discrepancy
@@ -107,7 +108,7 @@ class VariationEquations:
         """
         count, _, size = moved.shape
         cross = moved[:, self.rows.shared].transpose(1, 0, 2).reshape(-1, count * size)
-        return np.asarray(np.linalg.solve(self._root, cross))
+        return np.asarray(solve_triangular(self._root, cross, lower=True))
 
     @cached_property
     def _reduced(self) -> Array:
@@ -211,19 +212,18 @@ class GroupEquations:
         Args:
             patterns: the (V,) patterns that they may follow.
         """
-        in_every_view = self.in_every_view()
         if VariationKind.EACH in self.group.kinds:
-            yield in_every_view
+            yield self.in_every_view
         for kind in self.group.kinds:
-            followed = [self.following(kind, pattern) for pattern in patterns.get(kind, ())]
-            if followed:
-                best = max(followed, key=lambda variation: variation.gain)
-                yield best.penalised(float(np.log(len(followed))))
+            if possible := patterns.get(kind, ()):
+                best = self.best_following(kind, np.array(possible))
+                yield best.penalised(float(np.log(len(possible))))
         if VariationKind.TWO_KINDS in self.group.kinds:
-            yield self.in_two_kinds(in_every_view.deviations)
+            yield self.in_two_kinds()
 
+    @cached_property
     def in_every_view(self) -> Variation:
-        """Return the variation with deviations of each view's own."""
+        """The variation with deviations of each view's own."""
         sides = [np.ones(self.size)]
         if not self.group.numbers:
             sides = [np.repeat(ratio, 3) for ratio in MOTIONS]
@@ -234,7 +234,10 @@ class GroupEquations:
 
     def _of_each(self, side: Array) -> tuple[float, float, Array]:
         sides = np.tile(side, self.count)
-        return self._largest_gain(sides[:, None] * self.information * sides, sides * self.score)
+        (gain,), (spread,), (deviations,) = self._largest_gains(
+            (sides[:, None] * self.information * sides)[None], (sides * self.score)[None]
+        )
+        return float(gain), float(spread), deviations
 
     def gain(self, variation: Variation) -> float:
         """Return the gain in log evidence of a variation like this one, of the same kind and
@@ -244,56 +247,78 @@ class GroupEquations:
             return self.following(variation.kind, variation.pattern).gain - variation.penalty
         return self._of_each(variation.scales / variation.scales.max())[0]
 
-    def in_two_kinds(self, deviations: Array) -> Variation:
-        """Return the variation of two kinds of views, from a start: (V, G) deviations of each
-        view's own, which differ most between the kinds.
+    def in_two_kinds(self) -> Variation:
+        """Return the variation of two kinds of views, from a start: deviations of each view's own,
+        which differ most between the kinds.
         """
-        divisions = (
-            self.following(VariationKind.TWO_KINDS, pattern) for pattern in _divisions(deviations)
-        )
-        best = max(divisions, key=lambda variation: variation.gain)
+        divisions = _divisions(self.in_every_view.deviations)
+        best = self.best_following(VariationKind.TWO_KINDS, divisions)
         for _ in range(MAX_PASSES):
             previous = best
-            for view in range(self.count):
-                moved = best.pattern > 0
-                moved[view] = not moved[view]
-                if min(moved.sum(), (~moved).sum()) >= MIN_BLOCK:
-                    flipped = self.following(VariationKind.TWO_KINDS, centred_pattern(moved))
-                    best = max(best, flipped, key=lambda variation: variation.gain)
+            best = self._move_views(best)
             if best is previous:
                 break
         return best.penalised((self.count - 1) * float(np.log(2)))
 
+    def _move_views(self, best: Variation) -> Variation:
+        """Return the variation of two kinds of views after one pass over the views, of which each
+        moves to the other kind if that is more probable.
+        """
+        view = 0
+        while view < self.count:
+            moved = (best.pattern > 0) ^ np.eye(self.count, dtype=bool)[view:]
+            first_kind = moved.sum(1)
+            patterns = centred_pattern(moved)
+            gains = self._gains_following(patterns)[0]
+            gains[np.minimum(first_kind, self.count - first_kind) < MIN_BLOCK] = -np.inf
+            better = np.flatnonzero(gains > best.gain)
+            if not better.size:
+                break
+            best = self.following(best.kind, patterns[better[0]])
+            view += int(better[0]) + 1
+        return best
+
+    def best_following(self, kind: VariationKind, patterns: Array) -> Variation:
+        """Return the most probable variation whose deviations follow one of the (P, V) patterns."""
+        return self.following(kind, patterns[self._gains_following(patterns)[0].argmax()])
+
     def following(self, kind: VariationKind, pattern: Array) -> Variation:
         """Return the variation whose deviations follow a (V,) pattern."""
-        views = np.kron(pattern[:, None], np.eye(self.size))  # (V G, G)
-        gain, spread, sizes = self._largest_gain(
-            views.T @ self.information @ views, views.T @ self.score
-        )
+        (gain,), (spread,), (sizes,) = self._gains_following(pattern[None])
         scales = np.full(self.size, spread)
-        return Variation(self.group, kind, gain, scales, pattern[:, None] * sizes, pattern)
+        return Variation(self.group, kind, float(gain), scales, pattern[:, None] * sizes, pattern)
 
-    def _largest_gain(self, information: Array, score: Array) -> tuple[float, float, Array]:
-        """Return the largest gain in log evidence by (k,) deviations of one spread, that spread,
-        and the deviations.
+    def _gains_following(self, patterns: Array) -> tuple[Array, Array, Array]:
+        """Return `_largest_gains` of deviations that follow each of the (P, V) patterns."""
+        shape = (len(patterns), self.size, self.count, self.size)
+        moved = (patterns @ self.information.reshape(self.count, -1)).reshape(shape)
+        information = np.einsum("pgvh,pv->pgh", moved, patterns)
+        return self._largest_gains(information, patterns @ self.score.reshape(self.count, -1))
+
+    def _largest_gains(self, information: Array, score: Array) -> tuple[Array, Array, Array]:
+        """Return (P,) the largest gains in log evidence by (P, k) deviations of one spread, (P,)
+        that spread, and the deviations, for each of the (P, k, k) information matrices.
         """
         sizes, axes = np.linalg.eigh(information)
         sizes = sizes.clip(0)
-        projected = axes.T @ score
+        projected = np.einsum("pij,pi->pj", axes, score)
         variance = SPREADS[:, None] ** 2
-        explained = (variance * projected**2 / (1 + variance * sizes)).sum(1)
+        growth = 1 + variance * sizes[:, None]  # (P, spreads, k)
+        explained = (variance * projected[:, None] ** 2 / growth).sum(-1)
         log_ratio = np.log1p(-np.minimum(explained / self.cost, 1 - 1e-12))
-        gains = -(np.log1p(variance * sizes).sum(1) + self.freedom * log_ratio) / 2
-        best = int(gains.argmax())
-        squared = float(variance[best, 0])
-        deviations = -axes @ (squared * projected / (1 + squared * sizes))
-        return float(gains[best]), float(SPREADS[best]), deviations
+        gains = -(np.log(growth).sum(-1) + self.freedom * log_ratio) / 2
+        best = gains.argmax(1)
+        squared = variance[best]
+        deviations = -np.einsum("pij,pj->pi", axes, squared * projected / (1 + squared * sizes))
+        return gains.max(1), SPREADS[best], deviations
 
 
-def _divisions(deviations: Array) -> Iterator[Array]:
-    """Yield (V,) patterns of two kinds of views, which differ most in their (V, G) deviations."""
+def _divisions(deviations: Array) -> Array:
+    """Return (P, V) patterns of two kinds of views, which differ most in their (V, G)
+    deviations.
+    """
     centred = deviations - deviations.mean(0)
     projected = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
     order = projected.argsort(kind="stable").argsort()
-    for count in range(MIN_BLOCK, len(projected) - MIN_BLOCK + 1):
-        yield centred_pattern(order >= count)
+    counts = np.arange(MIN_BLOCK, len(projected) - MIN_BLOCK + 1)
+    return centred_pattern(order >= counts[:, None])

@@ -220,6 +220,6 @@ def first_after_step(pattern: Sequence[float] | Array) -> int:
 
 
 def centred_pattern(pattern: NDArray[np.float64] | NDArray[np.int64] | NDArray[np.bool_]) -> Array:
-    """Return (V,) the pattern about its mean, with standard deviation 1."""
-    deviation = pattern.astype(np.float64) - pattern.mean()
-    return np.asarray(deviation / max(float(deviation.std()), 1e-300))
+    """Return (..., V) patterns, each about its mean and with standard deviation 1."""
+    deviation = pattern.astype(np.float64) - pattern.mean(-1, keepdims=True)
+    return np.asarray(deviation / np.maximum(deviation.std(-1, keepdims=True), 1e-300))

@@ -133,7 +133,7 @@ def test_the_gain_is_that_of_dense_algebra(kind: VariationKind) -> None:
     assert group.name == "focal"
     equations = VariationEquations.of(rows).group(group)
     variation = (
-        equations.in_every_view()
+        equations.in_every_view
         if kind is VariationKind.EACH
         else equations.following(kind, time_patterns(np.linspace(0, 1, 5))[kind][0])
     )
