@@ -73,12 +73,9 @@ def run(args: argparse.Namespace) -> None:
         from calib.calibration_file import DERIVED, FILES
         from calib.commands.colour_lines import fringes_lines, fringes_mapping
         from calib.commands.console import Bars, print_fit
-        from calib.commands.diagnosis_table import print_diagnosis
         from calib.commands.printing import print_json, verdict_mapping
         from calib.commands.verdict_lines import print_verdict
-        from calib.diagnosis.diagnose import diagnose
         from calib.diagnosis.possible_effects import check_possible
-        from calib.diagnosis.requested_effects import with_requested
         from calib.effects.board_shape import BoardShape
         from calib.errors import InputError
         from calib.export.npz import npz_file_names, write_npz
@@ -110,8 +107,12 @@ def run(args: argparse.Namespace) -> None:
             before = calibration
             finding = None
             if effects == ("auto",):
+                from calib.diagnosis.diagnose import diagnose
+
                 calibration, finding = diagnose(calibration, bars)
             elif effects:
+                from calib.diagnosis.requested_effects import with_requested
+
                 calibration = with_requested(calibration, effects, bars)
             reached = ReachedDepths.of(calibration.ray_field(), args.depth)
             depths = reached.depths
@@ -138,6 +139,8 @@ def run(args: argparse.Namespace) -> None:
                     for line in fringes_lines(predict_fringes(calibration, depths)):
                         print(line)
                 if finding and not args.quiet:
+                    from calib.commands.diagnosis_table import print_diagnosis
+
                     print_diagnosis(finding, calibration)
                 print_verdict(verdict, written, verdict.further)
     if removed:

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
-from scipy.optimize import minimize
 
+from calib.estimation.simplex_search import simplex_search
 from calib.optics.relief import Relief
 from calib.session.glass import Glass, polynomial_degrees
 
@@ -48,6 +48,8 @@ HEIGHT_BOUNDS = (1e-9, 6e-5)
 """m"""
 LENGTH_BOUNDS = (0.08, 3.0)
 """In units of the patch's side."""
+TOLERANCE = 0.01
+"""Of the logarithms of the noise and of the texture, and of the log evidence."""
 START_HEIGHTS = (1e-7, 1e-6, 1e-5)
 START_LENGTHS = (0.15, 0.5)
 """The heights (m) and lengths (of the patch) among which the search chooses its start."""
@@ -299,14 +301,8 @@ def maximise_evidence(
     def badness(logs: Array) -> float:
         return -max(evidence.log(*parts(logs)), -1e300)
 
-    limits = [(float(np.log(low)), float(np.log(high))) for low, high in bounds]
+    low, high = np.log(bounds).T
     if fixed_noise:
-        limits[0] = (float(np.log(sigma)),) * 2
-    result = minimize(
-        badness,
-        np.clip(np.log(initial), *np.transpose(limits)),
-        bounds=limits,
-        method="Nelder-Mead",
-        options={"xatol": 0.01, "fatol": 0.01},
-    )
-    return parts(result.x)
+        low[0] = high[0] = np.log(sigma)
+    start_place = np.log(initial).clip(low, high)
+    return parts(simplex_search(badness, start_place, low, high, TOLERANCE))

@@ -8,15 +8,17 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
-from calib.export.central import CentralModel, best_central
 from calib.export.formats import AXES, ExportLens, Format
 from calib.io.file_set import FileSet
 from calib.io.numerals import depth_text
 from calib.progress import Progress
+
+if TYPE_CHECKING:
+    from calib.export.central import CentralModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +88,8 @@ def export_central(
         name: of the file, with {} in place of the depth.
         text: the function that returns the file's text for a central camera.
     """
+    from calib.export.central import best_central  # maps need no fits of a central camera
+
     paths: list[Path] = []
     models: list[CentralModel] = []
     for depth, depth_name in request.each_depth():

@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from scipy.optimize import minimize_scalar
 from torch import Tensor
 
 from calib.estimation.normal_equations import ReducedProducts
@@ -86,6 +85,7 @@ class LaplaceEvidence:
 
     def max_log_evidence(self, own_precision: Tensor) -> float:
         """Return the largest log evidence over the noise."""
+        from scipy.optimize import minimize_scalar  # few fits need it
 
         def cost(log_noise: float) -> float:
             noise = torch.tensor(np.exp(log_noise), dtype=torch.float64)

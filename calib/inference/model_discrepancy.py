@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from torch import Tensor
 
 from calib.estimation.observations import Observations
@@ -198,6 +197,8 @@ class DiscrepancyLikelihood:
 
     def most_probable(self) -> Tensor:
         """Return the (L,) heights with the largest log evidence, over the noise as well."""
+        from scipy.optimize import minimize  # few fits need it
+
         count = len(self.covariances)
         starts = []
         for process in range(count):

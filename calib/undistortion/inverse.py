@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from calib.undistortion.grids import (
     Array,
@@ -75,6 +74,8 @@ class ForwardMap:
         the node with the nearest value among a subset of the valid nodes; the goal itself if no
         node of this subset is valid.
         """
+        from scipy.spatial import KDTree  # most commands need no inverse
+
         stride = max(1, int(np.ceil(np.sqrt(self.valid.size / MAX_START_NODES))))
         subset = slice(stride // 2, None, stride)
         valid = self.valid[subset, subset]
