@@ -324,8 +324,10 @@ class _Job:
             board = self.setup.board
             is_turned = find_turned(model, self.observations, joint, board)
             turned = tuple(compress(self.observations.names, is_turned))
-            model, joint = estimate_board(model, self.observations, joint, board, self.labels)
-            residual = residuals(model.path, joint.values, self.observations, joint.poses)
+            model, decided = estimate_board(model, self.observations, joint, board, self.labels)
+            if decided is not joint:
+                joint = decided
+                residual = residuals(model.path, joint.values, self.observations, joint.poses)
         if model.effects:
             stages = (*stages, _stage(EFFECTS_STAGE, residual))
         return Fitted(

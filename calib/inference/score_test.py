@@ -10,8 +10,10 @@ Source: C. R. Rao, Large sample tests of statistical hypotheses concerning sever
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import SupportsFloat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +29,7 @@ from calib.optics.board_target import CENTRE, FOCAL, block_columns
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ScoreTest:
     """The score test of one candidate effect."""
 
@@ -41,11 +43,8 @@ class ScoreTest:
     chi2: float
     """The decrease of the sum of squares by the effect."""
     dof: int
-    p_value: float
-    """The smaller p-value of two tests of whether the views agree, or, with few views for the
-    number of parameters, that of chi2 over the dispersion of the residual.
-    """
-
+    find_p_value: Callable[[], SupportsFloat]
+    """Computes `p_value`, which takes longer than all the rest and is seldom asked."""
     cost: float
     """The sum of squares of the fit."""
     information: Array
@@ -54,6 +53,13 @@ class ScoreTest:
     """
     score: Array
     """(k,) half the gradient of the sum of squares by its parameters."""
+
+    @cached_property
+    def p_value(self) -> float:
+        """The smaller p-value of two tests of whether the views agree, or, with few views for the
+        number of parameters, that of chi2 over the dispersion of the residual.
+        """
+        return float(self.find_p_value())
 
     @property
     def promises(self) -> float:
@@ -168,7 +174,7 @@ def _test_view_effect(
         raw=0.0,
         chi2=chi2,
         dof=dof,
-        p_value=float(fdtrc(dof, freedom_with_effect, max(0.0, chi2 / dof / dispersion))),
+        find_p_value=partial(fdtrc, dof, freedom_with_effect, max(0.0, chi2 / dof / dispersion)),
         cost=squares,
         information=np.zeros((0, 0)),
         score=np.zeros(0),
@@ -238,33 +244,48 @@ class _ReducedSystem:
         hessian = information + self.precision[np.ix_(entries, entries)]
         cost = float(self.residual @ self.residual)
         chi2 = max(0.0, float(score @ np.linalg.solve(hessian, score)))
+        find_p_value: Callable[[], SupportsFloat]
         if len(score) > len(self.view_residuals) // 3:
             dispersion = max(cost / max(1, freedom), 1e-12)
-            p_value = float(chdtrc(len(score), chi2 / dispersion))
+            find_p_value = partial(chdtrc, len(score), chi2 / dispersion)
         else:
-            p_value = self._agreement_p_value(projected, score, hessian)
+            find_p_value = partial(
+                _agreement_p_value, self.view_residuals, projected, score, hessian
+            )
         return ScoreTest(
             effect=effect,
             jacobian=projected,
             raw=float((effect_columns**2).sum()),
             chi2=chi2,
             dof=len(score),
-            p_value=p_value,
+            find_p_value=find_p_value,
             cost=cost,
             information=information,
             score=score,
         )
 
-    def _agreement_p_value(self, projected: Array, score: Array, hessian: Array) -> float:
-        """Return the p-value of the agreement of the views, twice the smaller one of two tests."""
-        starts = np.cumsum([len(residual) for residual in self.view_residuals])[:-1]
-        products = np.split(projected * self.residual[:, None], starts)
-        by_view = np.array([rows.sum(0) for rows in products])
-        by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
-        jackknife = jackknife_p_value(
-            self.view_residuals, np.split(projected, starts), score, hessian
-        )
-        return min(1.0, 2 * min(_hotelling_p_value(by_view), jackknife))
+
+def _agreement_p_value(
+    residuals: Sequence[Array], projected: Array, score: Array, hessian: Array
+) -> float:
+    """Return the p-value of the agreement of the views, twice the smaller one of two tests.
+
+    Args:
+        residuals: (2m,) of each view.
+        projected: (2M, k) by the effect's parameters, with the fitted parameters eliminated.
+        score: (k,), of all views.
+        hessian: (k, k), of all views.
+    """
+    jacobians = np.split(projected, np.cumsum([len(residual) for residual in residuals])[:-1])
+    by_view = np.array(
+        [
+            (jacobian * residual[:, None]).sum(0)
+            for jacobian, residual in zip(jacobians, residuals, strict=True)
+        ]
+    )
+    by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
+    jackknife = jackknife_p_value(residuals, jacobians, score, hessian)
+    return min(1.0, 2 * min(_hotelling_p_value(by_view), jackknife))
 
 
 def _hotelling_p_value(by_view: Array) -> float:

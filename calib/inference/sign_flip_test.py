@@ -5,6 +5,8 @@ If they do not differ, each difference has either sign with equal probability.
 Source: P. Good, Permutation, parametric, and bootstrap tests of hypotheses (2005), section 3.2.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,5 +34,11 @@ def gain_p_value(base: Array, extended: Array) -> float:
 
 def sign_flip_p_value(values: Array) -> float:
     """Return the p-value of "these (V,) values are negative as often as positive"."""
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (FLIPS, len(values)))
-    return float(((signs @ values >= values.sum()).sum() + 1) / (FLIPS + 1))
+    flipped = _signs(len(values)) @ values
+    return float(((flipped >= values.sum()).sum() + 1) / (FLIPS + 1))
+
+
+@lru_cache(maxsize=1)  # most tests are of the same views
+def _signs(count: int) -> Array:
+    """Return (FLIPS, count) random signs. The array is shared; do not write to it."""
+    return np.random.default_rng(0).choice([-1.0, 1.0], (FLIPS, count))

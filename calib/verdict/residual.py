@@ -115,9 +115,8 @@ def likely_scores(case: Case) -> dict[ScoreTest, float]:
         return min(max_gain, 1.0 - float(np.sqrt(1.0 - min(1.0, excess / test.cost))))
 
     def is_significant(test: ScoreTest) -> bool:
-        return test.p_value < AGREED and float(
-            chdtrc(test.dof, test.chi2 / dispersion)
-        ) < SCORED / len(scores)
+        by_chance = float(chdtrc(test.dof, test.chi2 / dispersion))
+        return by_chance < SCORED / len(scores) and test.p_value < AGREED
 
     gains = {test: gain(test) for test in scores if is_significant(test)}
     best = max(gains.values(), default=0.0)

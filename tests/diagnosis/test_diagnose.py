@@ -229,7 +229,7 @@ def test_an_absent_effect_is_detected_at_the_rate_of_chance() -> None:
 
 
 def test_an_effect_that_helps_only_at_fitted_depths_is_not_accepted() -> None:
-    test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
+    test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, lambda: 1e-6, 100.0, np.eye(2), np.ones(2))
     folds, worse, better = (
         HeldOutGain(0.2, 0.1, (0.08, 0.12), 1e-4, 1e-4),
         HeldOutGain(0.2, 0.21, (-0.02, 0.0), 1.0, 1.0),
@@ -244,7 +244,7 @@ def test_an_effect_that_helps_only_at_fitted_depths_is_not_accepted() -> None:
 
 def test_strong_evidence_lowers_the_required_gain() -> None:
     """exp(6) is about 20 candidates over 0.05."""
-    test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
+    test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, lambda: 1e-6, 100.0, np.eye(2), np.ones(2))
     uncertain_gain = HeldOutGain(0.2, 0.18, (-0.01, 0.04), 0.3, 0.02)
     assert not Trial(test, among=20, gain=uncertain_gain).passes
     assert not Trial(test, among=20, log_odds=5.9, gain=uncertain_gain).passes
@@ -272,14 +272,14 @@ def test_an_error_within_the_corners_accuracy_is_no_effect() -> None:
     """1 % of 0.013 px is the root of two times that squared, 0.0019 px; the same share of 0.13 px
     is an effect.
     """
-    test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
+    test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, lambda: 1e-6, 100.0, np.eye(2), np.ones(2))
     assert not Trial(test, gain=HeldOutGain(0.0133, 0.01315, (1e-4, 2e-4), 1e-4, 1e-4)).passes
     assert Trial(test, gain=HeldOutGain(0.133, 0.1315, (1e-3, 2e-3), 1e-4, 1e-4)).passes
     assert HeldOutGain(0.1, 0.2, (-0.1, -0.1), 1.0, 1.0).explained_px == 0
 
 
 def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
-    test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
+    test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, lambda: 1e-6, 100.0, np.eye(2), np.ones(2))
     nothing = torch.zeros(0, 0, dtype=torch.float64)
     joint = JointFit(
         values={},

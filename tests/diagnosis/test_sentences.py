@@ -46,7 +46,9 @@ def state_without_window() -> SearchState:
         report=lambda _: None,
         has_structure=lambda _: False,
     )
-    scored = ScoreTest(TILT, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
+    scored = ScoreTest(
+        TILT, np.ones((4, 2)), 8.0, 50.0, 2, lambda: 1e-6, 100.0, np.eye(2), np.ones(2)
+    )
     state = SearchState.begin(problem, ModelFit(model, joint)).with_trial(Trial(scored))
     return replace(state, confounded={"detector_bias": frozenset({"cover_tilt"})})
 
