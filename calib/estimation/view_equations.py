@@ -68,13 +68,26 @@ class ViewEquations:
 
 
 def view_equations(
-    path: Path, parameters: Parameters, observations: Observations, poses: Tensor, sigma: float
+    path: Path,
+    parameters: Parameters,
+    observations: Observations,
+    poses: Tensor,
+    sigma: float,
+    weights: Tensor | None = None,
 ) -> Iterator[ViewEquations]:
     """Yield every view's equations at the origin of the shared parameters and at (V, B) view
-    parameters; sigma is px per axis. The rows of a corner that the model cannot see are zero, so it
-    carries no information.
+    parameters. The rows of a corner that the model cannot see are zero, so it carries no
+    information.
+
+    Args:
+        path: the path of the model.
+        parameters: the shared parameters.
+        observations: the corners of the views.
+        poses: (V, B) view parameters.
+        sigma: px per axis.
+        weights: (M, 2, 2) the `pixel_weights` at these parameters; None to compute them.
     """
-    problem = landing_problem(path, parameters, observations, poses, sigma)
+    problem = landing_problem(path, parameters, observations, poses, sigma, weights)
     for piece in problem.linearise(poses.new_zeros(parameters.count), poses):
         for first, last in pairwise(piece.starts.tolist()):
             residual = piece.residual[first:last].flatten().numpy()
@@ -86,12 +99,19 @@ def view_equations(
 
 
 def landing_problem(
-    path: Path, parameters: Parameters, observations: Observations, poses: Tensor, sigma: float
+    path: Path,
+    parameters: Parameters,
+    observations: Observations,
+    poses: Tensor,
+    sigma: float,
+    weights: Tensor | None = None,
 ) -> LandingProblem:
     """Return the problem that a fit minimises, with the corners weighted at the origin of the
-    shared parameters and at (V, B) view parameters, and without a prior on the shared ones.
+    shared parameters and at (V, B) view parameters, and without a prior on the shared ones. The
+    arguments are those of `view_equations`.
     """
-    weights = pixel_weights(path, parameters.origin, observations, poses, sigma)
+    if weights is None:
+        weights = pixel_weights(path, parameters.origin, observations, poses, sigma)
     views = tuple(make_residual_blocks(path, parameters, observations, weights))
     return LandingProblem(
         parameters, views, poses.new_zeros(parameters.count).diag(), view_precision(path, poses)

@@ -23,6 +23,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.orthogonal_projection import project_out
+from calib.estimation.view_equations import ViewEquations, view_equations
 from calib.inference.fitted_model import FittedModel
 from calib.session.board import Board
 
@@ -127,13 +128,20 @@ def _view_bends(
 ) -> list[_ViewBend]:
     """Return the cost of each view around the fit, with all shared parameters but the bend held."""
     fitted = FittedModel(model, observations, joint)
-    entries = fitted.parameters((bend,)).entries(u.param.name for u in bend.effect_parameters)
-    views = []
-    for view in fitted.equations((bend,)):
-        reduced = view.reduce()
-        jacobian = reduced.jacobian[:, entries]
-        views.append(_ViewBend(jacobian.T @ jacobian, -jacobian.T @ reduced.residual))
-    return views
+    free = tuple(number.param for number in bend.effect_parameters)
+    parameters = replace(fitted.parameters((bend,)), relief=None, free=free)
+    equations = view_equations(
+        model.with_effect(bend).path,
+        parameters,
+        observations,
+        joint.poses,
+        joint.sigma,
+        fitted.weights,
+    )
+    return [
+        _ViewBend(reduced.information, -reduced.jacobian.T @ reduced.residual)
+        for reduced in map(ViewEquations.reduce, equations)
+    ]
 
 
 def _quarter_turn(bend: BoardShape) -> Array:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import Estimate, JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
+from calib.estimation.residual_blocks import pixel_weights
 from calib.estimation.view_equations import ViewEquations, information, view_equations
 
 Array = NDArray[np.float64]
@@ -26,7 +29,7 @@ class ModelFit:
     joint: JointFit
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class FittedModel:
     """A model at the optimum of its fit, with the observations."""
 
@@ -67,6 +70,18 @@ class FittedModel:
             self.parameters(effects),
             self.observations,
             model.pad_poses(self.joint.poses),
+            self.joint.sigma,
+            self.weights,
+        )
+
+    @cached_property
+    def weights(self) -> Tensor:
+        """The (M, 2, 2) weights of the corners (`pixel_weights`). Neutral effects change none."""
+        return pixel_weights(
+            self.model.path,
+            self.joint.values,
+            self.observations,
+            self.joint.poses,
             self.joint.sigma,
         )
 

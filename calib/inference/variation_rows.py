@@ -81,7 +81,12 @@ class VariationRows:
         own_precision = view_precision(base.path, fitted.joint.poses)
         poses = full.pad_poses(fitted.joint.poses)
         equations = view_equations(
-            full.path, parameters, fitted.observations, poses, fitted.joint.sigma
+            full.path,
+            parameters,
+            fitted.observations,
+            poses,
+            fitted.joint.sigma,
+            fitted.weights,
         )
         views = []
         for view, pose in zip(equations, fitted.joint.poses.numpy(), strict=True):

@@ -17,6 +17,7 @@ from calib.estimation.poses import pinhole_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.corner_range import (
     CELLS,
+    corner_residuals,
     covered_fraction,
     distance_range,
     picture_region,
@@ -183,10 +184,7 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
     pose = torch.from_numpy(calibration.poses)[observations.view]
     points = path.place(observations.corners, values, pose, observations.exposure)
     distance = path.distance(points).numpy()
-    residual, sigma = (
-        residuals(path, values, observations, torch.from_numpy(calibration.poses)),
-        predicted_sigma(calibration),
-    )
+    residual, sigma = corner_residuals(calibration), predicted_sigma(calibration)
     visible_fraction = torch.isfinite(residual.image).all(-1).double().mean()
     if (
         not (distance > 0).any()

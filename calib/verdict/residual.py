@@ -15,7 +15,7 @@ from calib.calibration import Calibration
 from calib.effects.cover_effect import CoverEffect
 from calib.effects.effect import Effect
 from calib.estimation.noise import MIN_NOISE
-from calib.estimation.residuals import residuals
+from calib.fitting.corner_range import corner_residuals
 from calib.inference.residual_structure import (
     ORGANISER_WORDS,
     VarianceShare,
@@ -131,8 +131,7 @@ def likely_scores(case: Case) -> dict[ScoreTest, float]:
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
 def _shares(calibration: Calibration) -> tuple[VarianceShare, ...]:
     fitted = optimum_of(calibration)
-    path, values = calibration.model()
-    residual = residuals(path, values, fitted.observations, fitted.joint.poses)
+    residual = corner_residuals(calibration)
     return tuple(
         variance_shares(calibration, fitted.model, fitted.joint, fitted.observations, residual)
     )
