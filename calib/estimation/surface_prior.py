@@ -90,8 +90,10 @@ class Smoothness:
         """Return the (n, n) m^2 covariance of the heights at the prior's points."""
         first = self._correlation(relief.grid[0])
         second = self._correlation(relief.grid[1])
-        independent = MIN_HEIGHT**2 * np.eye(len(first) * len(second))
-        texture = self.height**2 * np.kron(first, second) + independent
+        count = len(first) * len(second)
+        correlation = first[:, None, :, None] * second[:, None]  # faster than numpy's kron
+        texture = self.height**2 * correlation.reshape(count, count)
+        np.fill_diagonal(texture, texture.diagonal() + MIN_HEIGHT**2)
         if not glass:
             return np.asarray(texture + self.figure**2 * figure_covariance(relief.grid))
         to_heights = figure_heights(relief, glass.low, glass.high, glass.degree)
@@ -244,21 +246,30 @@ class MarginalLikelihood:
         With heights = root z, z standard normal, everything is a correction to the identity, so no
         prior is ever inverted.
         """
-        root = np.eye(len(self._score))
+        posterior, score = self._hessian.copy(), self._score.copy()
         try:
-            if self._joint_root and smoothness:
-                root = self._joint_root(smoothness)
-            elif self._relief and smoothness:
-                heights = self._relief.grid[0] * self._relief.grid[1]
-                root[:heights, :heights] = smoothness.root(self._relief)
-            posterior = np.eye(len(root)) + root.T @ self._hessian @ root / sigma**2
-            factor = cholesky(posterior, lower=True)
+            if smoothness and (root := self._root(smoothness)) is not None:
+                size = len(root)
+                posterior[:size, :size] = root.T @ posterior[:size, :size] @ root
+                posterior[size:, :size] = posterior[size:, :size] @ root
+                score[:size] = root.T @ score[:size]
+            posterior /= sigma**2
+            np.fill_diagonal(posterior, 1 + posterior.diagonal())
+            factor = cholesky(posterior, lower=True)  # takes the lower triangle
         except LinAlgError:
             return -np.inf
-        explained = solve_triangular(factor, root.T @ self._score / sigma**2, lower=True)
+        explained = solve_triangular(factor, score / sigma**2, lower=True)
         minimum = self._cost / sigma**2 - float(explained @ explained)
         log_determinant = np.log(factor.diagonal()).sum()
         return float(-log_determinant - 0.5 * minimum - self._freedom * np.log(sigma))
+
+    def _root(self, smoothness: Smoothness) -> Array | None:
+        """Return the root of the prior covariance of the heights, or of all parameters if these are
+        not independent; None without a relief.
+        """
+        if self._joint_root:
+            return self._joint_root(smoothness)
+        return smoothness.root(self._relief) if self._relief else None
 
 
 def maximise_evidence(
