@@ -24,7 +24,7 @@ from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.inference.fitted_model import FittedModel
-from calib.inference.score_test import ScoreTest, tuned_score_tests
+from calib.inference.score_test import ScoreTest, score_tests
 from calib.inference.variation_equations import SPREADS
 from calib.inference.view_scatter import ViewScatter
 from calib.session.board import Board
@@ -185,23 +185,27 @@ def _with_effect(
     min_log_odds = MIN_COVERED_LOG_ODDS if model.path.cover else MIN_LOG_ODDS
     is_held = CAMERA.fx not in {param.name for param in joint.parameters.free}
     rivals = [Focal()] if is_held else []
-    test, *rival_tests = tuned_score_tests(
-        FittedModel(model, observations, joint), [richest, *rivals]
-    )
-    log_odds = _log_odds(test)
-    if log_odds < max([min_log_odds, *map(_log_odds, rival_tests)]):
+    test, *rival_tests = score_tests(FittedModel(model, observations, joint), [richest, *rivals])
+    effect = richest.tune(test.information, test.score)
+    log_odds = _log_odds(test, effect)
+    if log_odds < max([min_log_odds, *(_log_odds(rival, rival.effect) for rival in rival_tests)]):
         return model, joint
-    extended = model.with_effect(test.effect)
+    extended = model.with_effect(effect)
     fit = extended.fit(observations, joint.poses, joint.start, ROUNDS)
-    if fit.outcome is not Outcome.CONVERGED or not _is_possible(fit, test.effect):
+    if fit.outcome is not Outcome.CONVERGED or not _is_possible(fit, effect):
         return model, joint
     scatter = ViewScatter.of(FittedModel(extended, observations, fit), labels)
     log_odds = (fit.log_marginal - joint.log_marginal) / scatter.inflation**2
     return (extended, fit) if log_odds > min_log_odds else (model, joint)
 
 
-def _log_odds(test: ScoreTest) -> float:
-    return log_bayes_factor(test.information, test.score, scaled_prior_sigmas(test.effect))
+def _log_odds(test: ScoreTest, form: Effect) -> float:
+    """Return the log Bayes factor of a form of the tested effect, whose parameters begin with those
+    of the form (`select_form`).
+    """
+    spread = scaled_prior_sigmas(form)
+    count = len(spread)
+    return log_bayes_factor(test.information[:count, :count], test.score[:count], spread)
 
 
 def _is_possible(joint: JointFit, effect: Effect) -> bool:
