@@ -24,7 +24,6 @@ from calib.optics.build import covered_path
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.progress import Silent
-from calib.session.board import Board
 from calib.session.freeing import AUTO
 from calib.session.numbers import numbers_of, replace_numbers
 from calib.session.parameter_names import CAMERA
@@ -306,8 +305,7 @@ def test_sigma_has_the_shift_by_an_error_of_the_print(monkeypatch: pytest.Monkey
 
     ratios = maps_over_sigma()
 
-    def no_shifts(fitted: FittedModel, board: Board, inflation: float) -> Array:
-        del board, inflation
+    def no_shifts(fitted: FittedModel, *_: object) -> Array:
         return np.zeros((fitted.parameters().count, fitted.parameters().count))
 
     monkeypatch.setattr(fit_result, "possible_print_shifts", no_shifts)

@@ -22,7 +22,7 @@ from calib.estimation.stated_priors import with_estimates
 from calib.fit_record.outcome import JointOutcome, Uncertainty
 from calib.fitting.differing import possible_shifts
 from calib.fitting.valleys import widen_valleys, with_variance
-from calib.inference.board_bend import possible_print_shifts
+from calib.inference.board_bend import possible_print_shifts, possible_prints
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
 from calib.inference.view_scatter import ViewScatter
@@ -98,7 +98,9 @@ def count_views(
         loose: the names of the numbers with wide priors, of which the profile is asked as well.
     """
     fitted = FittedModel(model, observations, joint)
-    scatter = ViewScatter.of(fitted, labels)
+    prints = possible_prints(fitted, board)
+    views = [view.reduce() for view in fitted.equations(prints)] if joint.finite else []
+    scatter = ViewScatter.of(fitted, labels, views)
     poses = len(np.unique(labels))
     heavy = max(HEAVY, 2 / poses)
     uncertainty = Uncertainty(
@@ -114,8 +116,8 @@ def count_views(
     )
     of_cover = [name for name in loose if not CAMERA.has(name)]
     wide = scatter.widen(joint)
-    if board.has_grid and joint.finite:
-        shifts = possible_print_shifts(fitted, board, scatter.inflation)
+    if prints and joint.finite:
+        shifts = possible_print_shifts(fitted, board, scatter.inflation, views)
         wide = replace(wide, covariance=wide.covariance + torch.from_numpy(shifts))
     limit = SCATTERED if board.has_grid else SCATTERED_POINTS
     if scatter.ratio > limit and len(labels) <= MAX_VIEWS:

@@ -10,6 +10,7 @@ per cent, and unevenly. It is estimated without a cover only: glass can imitate 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
+from calib.estimation.view_equations import ReducedView
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import ScoreTest, score_tests
 from calib.inference.variation_equations import SPREADS
@@ -81,8 +83,14 @@ def estimate_board(
     return model, joint
 
 
+def possible_prints(fitted: FittedModel, board: Board) -> tuple[BoardScale, ...]:
+    """Return the error of the print that the model may lack; none if it has one, or of points."""
+    has_print = any(isinstance(effect, BoardScale) for effect in fitted.model.effects)
+    return (any_print(board),) if board.has_grid and not has_print else ()
+
+
 def possible_print_shifts(
-    fitted: FittedModel, board: Board, inflation: float
+    fitted: FittedModel, board: Board, inflation: float, views: Sequence[ReducedView]
 ) -> NDArray[np.float64]:
     """Return (S, S) the covariance of the shifts of the fitted parameters by an error of the print
     that the model lacks, over their scales.
@@ -95,12 +103,15 @@ def possible_print_shifts(
 
     Args:
         inflation: the factor of the standard deviations of corners that are not independent.
+        views: the reduced equations of the model with `possible_prints`.
     """
     count = fitted.parameters().count
-    if any(isinstance(effect, BoardScale) for effect in fitted.model.effects):
+    prints = possible_prints(fitted, board)
+    if not prints:
         return np.zeros((count, count))
-    effect = any_print(board)
-    products = fitted.products((effect,))
+    (effect,) = prints
+    rows = [np.column_stack((view.jacobian, view.residual)) for view in views]
+    products = np.sum([of_view.T @ of_view for of_view in rows], 0)
     precision = fitted.prior_precision()
     entries = fitted.parameters((effect,)).entries(u.param.name for u in effect.effect_parameters)
     coupling = products[:count, entries]

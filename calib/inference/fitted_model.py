@@ -91,17 +91,6 @@ class FittedModel:
         """
         return information(self.equations(effects), self.parameters(effects).count)
 
-    def products(self, effects: Sequence[Effect] = ()) -> Array:
-        """Return (S + 1, S + 1), the inner products of the columns of `parameters(effects)` and the
-        residual over all views, with the views' own parameters eliminated.
-        """
-        count = self.parameters(effects).count + 1
-        products = np.zeros((count, count))
-        for view in map(ViewEquations.reduce, self.equations(effects)):
-            rows = np.column_stack((view.jacobian, view.residual))
-            products += rows.T @ rows
-        return products
-
     def prior_precision(self, effects: Sequence[Effect] = ()) -> Array:
         """Return the (S, S) prior precision of `parameters(effects)`."""
         return self.parameters(effects).prior_precision(self.joint.smoothness)

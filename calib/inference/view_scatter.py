@@ -27,6 +27,8 @@ import torch
 from numpy.typing import NDArray
 
 from calib.estimation.joint_fit import Estimate
+from calib.estimation.observations import Observations
+from calib.estimation.view_equations import ReducedView, ViewEquations
 from calib.inference.fitted_model import FittedModel
 
 MAX_LEVERAGE = 0.9
@@ -100,18 +102,25 @@ class ViewScatter:
     """
 
     @staticmethod
-    def of(fitted: FittedModel, labels: NDArray[np.int64]) -> ViewScatter:
+    def of(
+        fitted: FittedModel,
+        labels: NDArray[np.int64],
+        views: Iterable[ReducedView] | None = None,
+    ) -> ViewScatter:
         """Estimate the scatter at the optimum of a fit.
 
         Args:
             fitted: a model at its optimum.
             labels: (V,) labels of the board's poses: pictures of one pose count as one view.
+            views: its reduced equations, perhaps with further effects; None to compute them.
         """
         count = fitted.parameters().count
         if not count or len(np.unique(labels)) < MIN_VIEWS or not fitted.joint.finite:
             return ViewScatter(1.0, 1.0, 1.0, np.zeros(0), np.zeros((count, count)))
         root = np.linalg.cholesky(fitted.joint.covariance.numpy())
-        return ViewScatter.of_groups(_pose_rows(fitted, labels, root), root)
+        if views is None:
+            views = map(ViewEquations.reduce, fitted.equations())
+        return ViewScatter.of_groups(_pose_rows(fitted.observations, views, labels, root), root)
 
     @staticmethod
     def of_groups(groups: Iterable[WhitenedRows], root: Array, draws: int = 0) -> ViewScatter:
@@ -169,28 +178,30 @@ class ViewScatter:
 
 
 def _pose_rows(
-    fitted: FittedModel, labels: NDArray[np.int64], root: Array
+    observations: Observations,
+    views: Iterable[ReducedView],
+    labels: NDArray[np.int64],
+    root: Array,
 ) -> Iterator[WhitenedRows]:
     """Yield the rows of each pose of the board, in the order of the labels."""
-    observations = fitted.observations
     points, corners = np.unique(observations.corners.numpy(), axis=0, return_inverse=True)
     repeats = 2 * len(points) <= len(corners)  # targets of points have others in each view
     starts = observations.starts.tolist()
     bursts: dict[int, list[WhitenedRows]] = {}
     has_bursts = len(np.unique(labels)) < len(labels)
-    for view, equations in enumerate(fitted.equations()):
-        reduced = equations.reduce()
+    for view, reduced in enumerate(views):
         of_view = corners[starts[view] : starts[view + 1]] if repeats else None
-        rows = WhitenedRows(reduced.jacobian @ root, reduced.residual, of_view)
+        jacobian = reduced.jacobian[:, : len(root)]
+        rows = WhitenedRows(jacobian @ root, reduced.residual, of_view)
         if not has_bursts:
             yield rows
         else:
             bursts.setdefault(int(labels[view]), []).append(rows)
-    for _, views in sorted(bursts.items()):
+    for _, burst in sorted(bursts.items()):
         yield WhitenedRows(
-            np.concatenate([rows.jacobian for rows in views]),
-            np.concatenate([rows.residual for rows in views]),
-            np.concatenate([rows.corners for rows in views]) if repeats else None,
+            np.concatenate([rows.jacobian for rows in burst]),
+            np.concatenate([rows.residual for rows in burst]),
+            np.concatenate([rows.corners for rows in burst]) if repeats else None,
         )
 
 
