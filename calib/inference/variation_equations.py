@@ -56,16 +56,18 @@ class VariationEquations:
     @staticmethod
     def of(rows: VariationRows, discrepancy: Discrepancy | None = None) -> VariationEquations:
         """Eliminate the views' own parameters, and a discrepancy."""
-        products = []
-        log_determinant = 0.0
+        eliminated = 0.0
+        inner = []
         for index, view in enumerate(rows.views):
-            inner, eliminated = (
-                discrepancy.eliminate(index, view) if discrepancy else (view.T @ view, 0.0)
-            )
-            reduced = ReducedProducts.of(torch.from_numpy(inner)[None], rows.own_precision)
-            products.append(reduced.products[0].numpy())
-            log_determinant += eliminated + float(reduced.log_determinant)
-        return VariationEquations(rows, np.array(products), log_determinant)
+            if discrepancy:
+                products, log_determinant = discrepancy.eliminate(index, view)
+                inner.append(products)
+                eliminated += log_determinant
+            else:
+                inner.append(view.T @ view)
+        reduced = ReducedProducts.of(torch.from_numpy(np.array(inner)), rows.own_precision)
+        eliminated += float(reduced.log_determinant)
+        return VariationEquations(rows, reduced.products.numpy(), eliminated)
 
     @property
     def freedom(self) -> int:
