@@ -264,6 +264,7 @@ def minimise(
             outcome = Outcome.STUCK if math.isfinite(promised) else Outcome.NOT_FINITE
             return Solution(outcome, shared, blocks, cost, step, rows)
         shared, blocks, cost = new_shared, new_blocks, new_cost
+        del linearisation  # before the next one needs as much memory
         damping = (max(damping, MIN_RETRY_DAMPING) if gain < 0.25 else damping) * max(
             1 / 3, 1 - (2 * gain - 1) ** 3
         )
