@@ -22,8 +22,8 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from scipy.optimize import minimize
 
-from calib.estimation.simplex_search import simplex_search
 from calib.optics.relief import Relief
 from calib.session.glass import Glass, polynomial_degrees
 
@@ -315,5 +315,11 @@ def maximise_evidence(
     low, high = np.log(bounds).T
     if fixed_noise:
         low[0] = high[0] = np.log(sigma)
-    start_place = np.log(initial).clip(low, high)
-    return parts(simplex_search(badness, start_place, low, high, TOLERANCE))
+    result = minimize(
+        badness,
+        np.log(initial).clip(low, high),
+        bounds=list(zip(low, high, strict=True)),
+        method="Nelder-Mead",
+        options={"xatol": TOLERANCE, "fatol": TOLERANCE},
+    )
+    return parts(result.x)

@@ -70,9 +70,7 @@ def test_the_error_as_given_has_its_name(
 ) -> None:
     first, last = Quality(0.224, 0.0177, 0.291), Quality(0.1, 0.01, 0.12)
     found = ("board_shape",)
-    finding = Diagnosis(
-        0.016, "", (), (), found, first, last, 0.0, "", (), given_held_out_px=0.266
-    )
+    finding = Diagnosis(0.016, "", (), (), found, first, last, 0.0, "", (), given_held_out_px=0.266)
     print_diagnosis(finding, plain)
     rows = [line for line in capsys.readouterr().out.splitlines() if " px" in line]
     assert "as given (calib evaluate)" in rows[0]
