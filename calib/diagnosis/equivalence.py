@@ -142,8 +142,8 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
     subject = " or ".join(dict.fromkeys(member.about for member in family))
     experiment = separation(state, family[0], family[1:])
     if unmodelled:
-        rest = 1 - sum(unmodelled.values())
-        shares = unmodelled | {key: rest * value for key, value in shares.items()}
+        modelled = 1 - sum(unmodelled.values())
+        shares = unmodelled | {key: modelled * value for key, value in shares.items()}
         likeliest_name = max(unmodelled, key=lambda key: unmodelled[key])
         if unmodelled[likeliest_name] > 0.5:
             experiment = f"To find out, {ADVICE[likeliest_name]}."

@@ -141,13 +141,13 @@ class Diagnosis:
     @property
     def headline(self) -> str:
         """The findings, in one sentence."""
-        beside = f" beside {', '.join(self.earlier)}" if self.earlier else ""
+        addition = f" beside {', '.join(self.earlier)}" if self.earlier else ""
         if self.added:
-            return f"Found{beside}: {', '.join(self.added)}."
+            return f"Found{addition}: {', '.join(self.added)}."
         if not self.decided:
             return "Not decided: there are too few views to confirm a cause."
         return (
-            f"Nothing found{beside}: no known effect improves the held-out views by more than"
+            f"Nothing found{addition}: no known effect improves the held-out views by more than"
             " chance."
         )
 

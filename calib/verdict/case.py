@@ -156,8 +156,10 @@ class Case:
         cover, every depth has the same map.
         """
         asked = self.next.depths
-        doubtful = doubtful_depths(asked, *self.reach) if self.calibration.model()[0].cover else ()
-        return next((depth for depth in asked if depth not in doubtful), self._median_distance)
+        limited = self.calibration.model()[0].cover and self.distance.size
+        doubtful = doubtful_depths(asked, *self.reach) if limited else ()
+        supported = [depth for depth in asked if depth not in doubtful]
+        return supported[0] if supported else self._median_distance
 
     @property
     def usual_depths(self) -> tuple[float, ...]:
