@@ -155,7 +155,7 @@ class Case:
         now or by the fit, and that the corners support; or else their median distance. Without a
         cover, every depth has the same map.
         """
-        asked = self.next.depths
+        asked = self.next.depths or self.depths
         limited = self.calibration.model()[0].cover and self.distance.size
         doubtful = doubtful_depths(asked, *self.reach) if limited else ()
         supported = [depth for depth in asked if depth not in doubtful]
