@@ -63,7 +63,7 @@ its place, or a focal length that is 20 % longer, is no change of one camera.
 UNBOUNDED = (CoverSpin, PictureMode)
 """Changes that may have any size: of how a round cover is screwed on, and of the pictures."""
 UNKNOWN = (
-    "what has changed is none of the causes that this check considers: record a session as it is"
+    "none of the causes that this check considers explains the change: record a session as it is"
     " now, and fit it"
 )
 

@@ -75,8 +75,8 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
         else "measure it, or take pictures of the board near and tilted"
     )
     sentence = (
-        f"your pictures do not determine {listed}, and the sigma of the maps includes that. If you"
-        f" need the number itself, {advice}."
+        f"your pictures do not determine {listed}: the sigma of the maps includes this. If you need"
+        f" the number itself, {advice}."
     )
     uses = case.next.uses(case.main_depth, mapped=case.main_depth in case.depths)
     command = next(iter(uses), case.next.capture())  # the maps are as good as they say
