@@ -50,8 +50,10 @@ def next_command(
     """
     if result.lacking and not updated:
         return f"calib diagnose {shlex.quote(str(calibration))}"
-    session = pictures[0]
-    is_recorded = (session / "session.yaml").is_file() and (session / "frames").is_dir()
+    places = (pictures[0], *pictures[0].parents[:2])
+    sessions = [folder for folder in places if (folder / "session.yaml").is_file()]
+    session = sessions[0] if sessions else pictures[0]
+    is_recorded = bool(sessions) and (session / "frames").is_dir()
     is_unnamed = bool(result.changes) and result.changes[0].name in UNNAMED
     if not (is_recorded or updated) and (is_unnamed or result.statistics is None):
         return f"calib fit {shlex.join(map(str, pictures))}"

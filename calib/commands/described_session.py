@@ -159,10 +159,17 @@ def _earlier_values(
     }
     texts = {
         "the board": "board" in earlier and not (args.board or _board_options(args)),
+        _earlier_side(earlier.get("board", {})): bool(args.board) and not _board_options(args),
         ", ".join(f"{key} {_in_words(value)}" for key, value in numbers.items()): bool(numbers),
         "the lens": "intrinsics" in earlier and not args.intrinsics,
     }
-    return ", ".join(text for text, is_earlier in texts.items() if is_earlier)
+    return ", ".join(text for text, is_earlier in texts.items() if text and is_earlier)
+
+
+def _earlier_side(board: dict[str, object]) -> str:
+    """Return the size of an earlier board's squares or tags in words; empty without one."""
+    sides = [f"{key} {_in_words(board[key])}" for key in ("square_mm", "tag_mm") if key in board]
+    return sides[0] if sides else ""
 
 
 def _in_words(value: object) -> str:

@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_output(
         parser,
-        "folder for the diagnosed calibration (default: diagnosed/ beside CALIBRATION)",
+        "folder for the result (default: diagnosed/ in the folder of calibration.yaml)",
         required=False,
     )
     add_overwrite(parser)

@@ -60,6 +60,8 @@ HELD_AS_ASKED = "None was fitted, as you asked."
 HELD_BY_FIT = (
     "None was fitted: when they are estimated, some leave their tolerances, so your values stand."
 )
+NOTABLE_DIFFERENCE = 0.1
+"""The smallest difference from the declared number that is stated, in tolerances."""
 PRINTED_COLUMNS = 4
 """The columns that fit into 80 characters."""
 
@@ -205,7 +207,8 @@ def _row(number: Comparison) -> tuple[str, ...]:
     declared = number.stated if number.source == DECLARED else f"{number.stated} (bare/)"
     is_compared = not number.held and not number.unknown
     difference = abs(number.estimate - number.declared) / number.tolerance if is_compared else None
-    words = "" if difference is None else f"{difference:.2g} tolerances"
+    is_far = difference is not None and difference >= NOTABLE_DIFFERENCE
+    words = f"{difference:.1f} tolerances" if is_far else ""
     estimated = number.estimated
     if number.held:  # with the digits of the declared one
         estimated = f"{number.estimate:.6g} {number.unit}".rstrip()

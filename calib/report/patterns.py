@@ -72,11 +72,10 @@ class GroupMeans:
         """
         count, expected = int(self.significant.sum()), CHANCE * self.judged
         words = "a pattern" if self.is_pattern else "no pattern"
-        compared = f"{count} of {self.judged} means are large; noise alone gives {expected:.1f}"
+        compared = f"{count} of {self.judged} means are large; noise alone"
         if self.is_pattern or count <= expected:
-            return f"{words} ({compared})"
-        chance = f"{100 * self.probability:.2g} % of sessions"
-        return f"{words} ({compared}; as many or more in {chance})"
+            return f"{words} ({compared} gives {expected:.1f})"
+        return f"{words} ({compared} gives as many in {100 * self.probability:.2g} % of sessions)"
 
 
 def over_image(evidence: Evidence) -> GroupMeans:

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from calib.apply.angular_reach import undistortion_limit
 from calib.calibration import Calibration
 from calib.fitting.declared import comparisons
@@ -20,6 +18,7 @@ from calib.session.shapes.layer import WATER, medium_word
 from calib.verdict.judge import judge
 from calib.verdict.residual import NOT_ALL_NOISE, OF_NOISE
 from calib.verdict.thresholds import BEYOND_NOISE
+from calib.verdict.uncertainty import map_sigmas
 from calib.verdict.verdict import Verdict
 
 NOISE_ALONE = 1.3
@@ -166,8 +165,8 @@ def _coverage(evidence: Evidence) -> str:
             " the uncertainty of the maps."
         )
     at_corners = ", ".join(
-        f"{np.median(evidence.sigma_at_corners(depth)):.2g} px at {depth:g} m"
-        for depth in evidence.depths
+        f"{sigma:.2g} px at {depth:g} m"
+        for depth, sigma in map_sigmas(evidence.calibration, evidence.depths).items()
     )
     return (
         f"The boards support maps for {describe_trusted(*evidence.reach)}. Their sigma is"

@@ -4,11 +4,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
-import numpy as np
-
 from calib.fitting.declared import VIEWS, Comparison, comparisons
 from calib.report.evidence import Evidence
 from calib.session.parameter_names import CAMERA
+from calib.verdict.uncertainty import map_sigmas
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +62,7 @@ def _maps(evidence: Evidence) -> Iterator[Tile]:
     if not evidence.sigma:
         return
     depth = evidence.depths[len(evidence.depths) // 2]
-    sigma = float(np.median(evidence.sigma_at_corners(depth)))
+    sigma = map_sigmas(evidence.calibration, [depth])[depth]
     worst = evidence.worst_sigma([depth])
     yield Tile(f"sigma of the map at {depth:g} m", f"{sigma:.2g} px", f"at most {worst}")
 

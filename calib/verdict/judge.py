@@ -142,5 +142,5 @@ def _reasons(case: Case) -> tuple[Reason, ...]:
                 " again with REFRACAL_TRACEBACK=1 and report what it prints."
             )
             bugs.setdefault(bug, Reason(sentence, case.next.report()))
-    reasons.sort(key=lambda reason: -reason.word.gravity)
+    reasons.sort(key=lambda reason: (-reason.word.gravity, reason.maps_hold))
     return (*reasons, *bugs.values())

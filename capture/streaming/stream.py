@@ -66,6 +66,7 @@ class Stream:
         self._targets = targets
         self.listener = listener
         self._reader: Reader | None = None
+        self._are_open = False  # the targets
         self._gone_since: float | None = None  # s of the monotonic clock; None: the camera is there
 
     def run(self) -> Ending:
@@ -78,11 +79,9 @@ class Stream:
             InputError: the frames do not have the size of the calibration.
         """
         with ExitStack() as stack:
-            for target in self._targets:
-                stack.enter_context(target)
             while not self.stop.is_set():
                 try:
-                    self._forward_frames()
+                    self._forward_frames(stack)
                     break
                 except ReaderGoneError:
                     return "reader"
@@ -100,12 +99,19 @@ class Stream:
         if self._reader:
             self._reader.close()
 
-    def _forward_frames(self) -> None:
+    def _forward_frames(self, stack: ExitStack) -> None:
+        """Forward frames until the source ends. The targets open with the first source, on the
+        stack: no address is told of a camera that is not there.
+        """
         source = self._open_source()
         skipped = self.statistics.skipped
         losses = self.statistics.camera_losses
         with Reader(source, self.listener.report_silence) as reader:
             self._reader = reader
+            if not self._are_open:
+                self._are_open = True
+                for target in self._targets:
+                    stack.enter_context(target)
             if self._gone_since is not None:
                 elapsed_s = time.monotonic() - self._gone_since
                 self.listener.tell(f"The camera is back, after {elapsed_s:.0f} s.")

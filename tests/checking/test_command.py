@@ -210,8 +210,8 @@ def test_pictures_that_do_not_exist_are_refused(
 def test_another_mode_in_the_folder_one_is_in(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The next session's name for "." is that of the folder. A loose picture has no session that
-    could be recorded again.
+    """The next session's name for "." is that of the folder, also for its frames. A loose picture
+    has no session that could be recorded again.
     """
     (tmp_path / "frames").mkdir()
     cv2.imwrite(str(tmp_path / "frames" / "a.png"), np.full((48, 64), 99, np.uint8))
@@ -222,6 +222,9 @@ def test_another_mode_in_the_folder_one_is_in(
     monkeypatch.chdir(tmp_path)
     assert main(["check", str(saved), "."]) == 5
     assert f"Next: capture {tmp_path}-again" in capsys.readouterr().out
+    assert main(["check", str(saved), "frames/a.png"]) == 5
+    assert f"Next: capture {tmp_path}-again" in capsys.readouterr().out
+    (tmp_path / "session.yaml").unlink()
     assert main(["check", str(saved), "frames/a.png"]) == 5
     assert "Next: calib fit frames/a.png" in capsys.readouterr().out
 

@@ -154,7 +154,7 @@ def test_noise_leaves_no_pattern(reported: Reported) -> None:
         (
             3,
             81,
-            "no pattern (3 of 81 means are large; noise alone gives 0.8; as many or more in 4",
+            "no pattern (3 of 81 means are large; noise alone gives as many in 4",
         ),
         (30, 166, "a pattern (30 of 166 means are large; noise alone gives 1.7)"),
     ],

@@ -37,7 +37,7 @@ AXIS = (
         Quantity("axis_offset_mm", ("x", "z"), low=-1e5, high=1e5, wide=UNKNOWN_OFFSET),
         words="where the cover's axis is (axis_offset_mm)",
         explanation=(
-            "From the lens to the cover's axis in mm, x right, z ahead: 0, -30 is 30 mm behind."
+            "From the lens to the cover's axis in mm, x right, z ahead: 0,-30 is 30 mm behind."
         ),
         tolerance=OFFSET,
         option="offset",
@@ -47,7 +47,7 @@ AXIS = (
         Quantity("tilt_deg", ("x", "z"), low=-45, high=45, default=0.0, wide=UNKNOWN_TILT),
         words="the cover's tilt",
         explanation=(
-            "Degrees of tilt, first about x (right), then about z (ahead): 0, 0 is straight."
+            "Degrees of tilt, first about x (right), then about z (ahead): 0,0 is straight."
         ),
         tolerance=COVER_TILT,
         effect="cover_tilt",

@@ -25,7 +25,7 @@ FLAT = Shape(
             Quantity("tilt_deg", ("x", "y"), low=-45, high=45, default=0.0, wide=UNKNOWN_TILT),
             words="the cover's tilt",
             explanation=(
-                "Degrees of tilt, first about x (right), then about y (down): 0, 0 is straight."
+                "Degrees of tilt, first about x (right), then about y (down): 0,0 is straight."
             ),
             tolerance=COVER_TILT,
             effect="cover_tilt",
