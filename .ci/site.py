@@ -10,6 +10,7 @@ import os
 import posixpath
 import re
 from html import unescape
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ HEADING = re.compile(r"<th[^>]*>(.*?)</th>", re.DOTALL)
 ROW = re.compile(r"<tr>.*?</tr>", re.DOTALL)
 CELL = re.compile(r"<td[^>]*>(.*?)</td>", re.DOTALL)
 MANY_COLUMNS, LONG_ROW = 3, 100
+PHONE, LETTER, PADDING = 350, 6.6, 30  # px
 FEWEST, MOST = 42, 110
 """Columns: fewer have room on a phone, and more could not be read there."""
 TABULAR = re.compile(r"[│┃┏┡├└]|\S {2,}\S")
@@ -210,7 +212,7 @@ def labelled(table: str) -> str:
     """
     headings = [re.sub("<[^>]+>", "", heading).strip() for heading in HEADING.findall(table)]
     longest = max(len(re.sub("<[^>]+>", "", row)) for row in ROW.findall(table))
-    if len(headings) < MANY_COLUMNS or longest < LONG_ROW:
+    if len(headings) < MANY_COLUMNS or (longest < LONG_ROW and width_of(table) < PHONE):
         return table
 
     def row(match: re.Match[str]) -> str:
@@ -220,6 +222,21 @@ def labelled(table: str) -> str:
         )
 
     return ROW.sub(row, table.replace("<table>", "<table data-stacked>", 1))
+
+
+def width_of(table: str) -> float:
+    """The px that a table needs at least: those of the longest word of each column, and of its
+    padding.
+    """
+    rows = [
+        [re.sub("<[^>]+>", "", cell).split() for cell in CELL.findall(row)]
+        for row in ROW.findall(table)
+    ]
+    columns = zip_longest(*filter(None, rows), fillvalue=[])
+    longest = [
+        max((len(word) for cell in column for word in cell), default=0) for column in columns
+    ]
+    return sum(LETTER * length + PADDING for length in longest)
 
 
 def sized(block: str) -> str:

@@ -75,6 +75,26 @@ def effects_html(rows: Sequence[EffectRow], calibration: Calibration) -> str:
         + html_table(head, cells)
         + f"<p>{HELD_OUT}</p>"
         + _families_html(diagnosis)
+        + _considered_html(diagnosis)
+    )
+
+
+def _considered_html(diagnosis: DiagnosisRecord) -> str:
+    """Return the effects that were not accepted, by their outcome."""
+    from calib.diagnosis.finding import PLAIN  # which a plain fit need not load
+
+    names_by_outcome: dict[str, list[str]] = {}
+    for candidate in diagnosis.document.get("candidates", ()):
+        if not candidate["accepted"]:
+            form = f" ({candidate['form']})".replace("_", " ") if candidate.get("form") else ""
+            outcome = PLAIN.get(candidate["verdict"], candidate["verdict"])
+            names_by_outcome.setdefault(outcome, []).append(f"{candidate['effect']}{form}")
+    items = "".join(
+        f"<li>{escape(outcome)}: {escape(', '.join(names))}</li>"
+        for outcome, names in names_by_outcome.items()
+    )
+    return f"<details><summary>What else was scored</summary><ul>{items}</ul></details>" * bool(
+        items
     )
 
 
@@ -87,7 +107,7 @@ def _nothing_html(diagnosis: DiagnosisRecord) -> str:
         if diagnosis.qualities
         else ""
     )
-    return f"<p>{NOTHING}{error}</p>{_families_html(diagnosis)}"
+    return f"<p>{NOTHING}{error}</p>{_families_html(diagnosis)}{_considered_html(diagnosis)}"
 
 
 def _families_html(diagnosis: DiagnosisRecord) -> str:

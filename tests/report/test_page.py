@@ -73,6 +73,15 @@ def test_a_diagnosis_that_found_nothing_is_in_the_report(reported: Reported) -> 
     assert "The error on held-out views is 0.600 px." in html
     assert str(FAMILY) in unescape(html)
     assert "found nothing" not in summarise(gather_evidence(diagnosed)).sentences[0]
+    assert "What else was scored" not in html
+    lens = {"effect": "lens", "form": "", "accepted": False, "verdict": "absorbed"}
+    port = {"effect": "flat_port", "form": "air", "accepted": False, "verdict": "absorbed"}
+    added = {**lens, "effect": "board_scale", "held_out_px_before": 1.0, "held_out_px_after": 0.5}
+    accepted = {**added, "accepted": True, "parameters": {}}
+    scored = DiagnosisRecord({**DIAGNOSED.document, "candidates": [lens, port, accepted]})
+    diagnosed = replace(calibration, history=replace(calibration.history, diagnosis=scored))
+    html = effects_html([EffectRow("board_scale", 1.0, 0.5, ())], diagnosed)
+    assert "<li>looks like a fitted number: lens, flat_port (air)</li>" in html
     nothing = DiagnosisRecord({**DIAGNOSED.document, "families": []})
     diagnosed = replace(calibration, history=replace(calibration.history, diagnosis=nothing))
     assert summarise(gather_evidence(diagnosed)).sentences[0] == (
