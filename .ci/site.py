@@ -32,8 +32,9 @@ TABLE = re.compile(r"<table>.*?</table>", re.DOTALL)
 HEADING = re.compile(r"<th[^>]*>(.*?)</th>", re.DOTALL)
 ROW = re.compile(r"<tr>.*?</tr>", re.DOTALL)
 CELL = re.compile(r"<td[^>]*>(.*?)</td>", re.DOTALL)
+ANY_CELL = re.compile(r"<t[dh][^>]*>(.*?)</t[dh]>", re.DOTALL)
 MANY_COLUMNS, LONG_ROW = 3, 100
-PHONE, LETTER, PADDING = 350, 6.6, 30  # px
+PHONE, LETTER, PADDING, NARROWEST = 300, 7.0, 34, 80  # px
 FEWEST, MOST = 42, 110
 """Columns: fewer have room on a phone, and more could not be read there."""
 TABULAR = re.compile(r"[│┃┏┡├└]|\S {2,}\S")
@@ -212,7 +213,8 @@ def labelled(table: str) -> str:
     """
     headings = [re.sub("<[^>]+>", "", heading).strip() for heading in HEADING.findall(table)]
     longest = max(len(re.sub("<[^>]+>", "", row)) for row in ROW.findall(table))
-    if len(headings) < MANY_COLUMNS or (longest < LONG_ROW and width_of(table) < PHONE):
+    has_room = len(headings) < MANY_COLUMNS or longest < LONG_ROW
+    if has_room and width_of(table) < PHONE:
         return table
 
     def row(match: re.Match[str]) -> str:
@@ -229,14 +231,14 @@ def width_of(table: str) -> float:
     padding.
     """
     rows = [
-        [re.sub("<[^>]+>", "", cell).split() for cell in CELL.findall(row)]
+        [re.sub("<[^>]+>", "", cell).split() for cell in ANY_CELL.findall(row)]
         for row in ROW.findall(table)
     ]
     columns = zip_longest(*filter(None, rows), fillvalue=[])
     longest = [
         max((len(word) for cell in column for word in cell), default=0) for column in columns
     ]
-    return sum(LETTER * length + PADDING for length in longest)
+    return sum(max(LETTER * length + PADDING, NARROWEST) for length in longest)
 
 
 def sized(block: str) -> str:

@@ -48,6 +48,9 @@ const pages = location.hash.slice(1).split(","), answers = document.querySelecto
       .filter(code => code.scrollWidth > code.clientWidth + 1)
       .map(code => code.innerText.slice(0, 40).replace(/\\n/g, " "));
     if (root.documentElement.scrollWidth > 391) wide.push("the page");
+    for (const box of root.querySelectorAll(".md-typeset__scrollwrap"))
+      if (box.scrollWidth > box.clientWidth + 1)
+        wide.push(`a table: ${box.innerText.slice(0, 40).replace(/\\s/g, " ")}`);
     answers.textContent += `${page}: ${wide.join("; ") || "ok"}\\n`;
     frame.remove();
   }
@@ -272,7 +275,8 @@ def test_no_page_is_wider_than_a_phone(site: Path) -> None:
         server.shutdown()
     answers = re.findall(r"^(?:.*<pre>)?(\S+\.html): (.*)$", seen, re.MULTILINE)
     assert len(answers) == len(pages) > 80
-    assert [answer for answer in answers if answer[1] != "ok"] == []
+    wide = [f"{page}: {words}" for page, words in answers if words != "ok"]
+    assert wide == [], "\n".join(wide)
 
 
 @pytest.mark.slow
