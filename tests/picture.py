@@ -48,7 +48,7 @@ PLAYED_S = 0.25
 """s between two pictures of the camera on the screen."""
 PLAYED = 480
 INK, FAINT = "#1e293b", "#64748b"
-COLOURS_OF_BARS = ("#b0543a", "#64748b", "#3f7d58")
+COLOURS_OF_BARS = ("#b0543a", "#3f7d58")
 HEADING = 0.7
 """The space for the heading of the nearer boards, in bars."""
 COEFFICIENTS = 14
@@ -64,9 +64,8 @@ def main() -> None:
         before, after = demo / "wall.jpg", demo / "straight" / "wall.jpg"
         errors = [(TITLES[stage["name"]], stage["rms_px"]) for stage in result["stages"]]
         calibration = Calibration.load(demo / "calibration")
-        errors = [errors[0], errors[-1]]
-        opencv = f"OpenCV, without a cover, {COEFFICIENTS} coefficients"
-        errors.insert(1, (opencv, opencv_error(calibration, COEFFICIENTS)))
+        opencv = f"OpenCV, {COEFFICIENTS} coefficients"
+        errors = [(opencv, opencv_error(calibration, COEFFICIENTS)), errors[-1]]
         nearby = [
             (opencv, opencv_error_nearby(calibration, COEFFICIENTS)),
             (errors[-1][0], demo_error_nearby(calibration)),
@@ -152,22 +151,22 @@ def _bars(panel: Axes, errors: list[tuple[str, float]], nearby: list[tuple[str, 
     rows = (*errors, *nearby)
     places = [len(rows) + HEADING - i - HEADING * (i >= len(errors)) for i in range(len(rows))]
     sizes = [error for _, error in rows]
-    colours = (COLOURS_OF_BARS[0], *2 * COLOURS_OF_BARS[1:])
-    bars = panel.barh(places, sizes, color=colours, height=0.3)
+    longest = max(sizes)
+    bars = panel.barh(places, sizes, color=2 * COLOURS_OF_BARS, height=0.3)
     panel.bar_label(bars, [f" {error:.3f} px" for error in sizes], fontsize=13, color=INK)
     for place, (name, _) in zip(places, rows, strict=True):
-        panel.text(0.01 * sizes[0], place + 0.2, name, fontsize=11, va="bottom", color=FAINT)
+        panel.text(0.01 * longest, place + 0.2, name, fontsize=11, va="bottom", color=FAINT)
     top = places[len(errors)] + 0.62
-    near = f"Nearer than the boards, {NEAR[0]:g} to {NEAR[1]:g} m"
-    panel.text(0.01 * sizes[0], top, near, fontsize=13, va="bottom", color=INK)
+    near = f"Error left nearer, at {NEAR[0]:g} to {NEAR[1]:g} m"
+    panel.text(0.01 * longest, top, near, fontsize=13, va="bottom", color=INK)
     panel.set(
-        xlim=(0, 1.36 * sizes[0]),
+        xlim=(0, 1.36 * longest),
         ylim=(places[-1] - 0.35, places[0] + 0.7),
         xticks=[],
         yticks=[],
         box_aspect=0.583,
     )
-    panel.set_title("The error that is left, where the boards were", fontsize=13, color=INK, pad=5)
+    panel.set_title("Error left where the boards were", fontsize=13, color=INK, pad=5)
     panel.spines[["top", "right", "bottom"]].set_visible(False)
     panel.spines["left"].set_color(FAINT)
 
