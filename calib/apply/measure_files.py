@@ -58,7 +58,13 @@ def read_poses(path: Path) -> dict[str, BoardPose]:
 def measure_at_depth(measurer: Measurer, points: Sequence[Point], depth: float) -> MeasuredPoints:
     """Return the points on a plane perpendicular to the optical axis, at a depth in m, in the
     camera frame.
+
+    Raises:
+        InputError: the depth is infinite, or lies inside the cover.
     """
+    if math.isinf(depth):
+        raise InputError("points at infinity have no place: write a depth in metres, such as 0.8.")
+    measurer.calibration.ray_field().check_reach(depth)
     return measurer.on_planes(_pixels(points), [BoardPose.facing(depth)], [0] * len(points))
 
 

@@ -88,7 +88,8 @@ def update(
     same_grid = (board.columns, board.rows) == (pictured.columns, pictured.rows)
     if not same_grid or board.square != pictured.square:
         raise InputError(
-            f"--update needs pictures of the calibration's own board, {board}, not of {pictured}:"
+            f"--update needs pictures of the calibration's own board, {board} of"
+            f" {1e3 * board.square:g} mm, not of {pictured} of {1e3 * pictured.square:g} mm:"
             " take pictures of that board, or fit a new session."
         )
     change = _change(result, calibration, prior)

@@ -52,15 +52,15 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.verdict_lines import print_verdict
         from calib.diagnosis.diagnose import diagnose
         from calib.fitting.description import calibrated_numbers
+        from calib.fitting.evaluate import evaluate, held_out_session
         from calib.fitting.provenance import record_diagnosis
         from calib.io.file_set import FileSet
         from calib.io.output_folder import check_no_link
         from calib.report.write import NAME, write_report
-        from calib.session.session import read_session
         from calib.verdict.judge import judge
 
     calibration = Calibration.load(args.calibration)
-    holdout = read_session(args.holdout) if args.holdout else None
+    holdout = held_out_session(args.holdout, calibration)[0] if args.holdout else None
     output = args.output or check_no_link(folder_of(args.calibration) / "diagnosed")
     inputs = [*calibration_files(args.calibration), *(holdout.files if holdout else ())]
     with FileSet(output, overwrite=args.overwrite, inputs=inputs) as files:
@@ -76,7 +76,8 @@ def run(args: argparse.Namespace) -> None:
             files.commit(instead_of=DERIVED)
             # where nothing was found, the calibration as it was given is the one to use
             used = output if finding.added else folder_of(args.calibration)
-            verdict = judge(better, folder=used)
+            held_out = evaluate(better, holdout) if holdout else None
+            verdict = judge(better, folder=used, evaluation=held_out, holdout=args.holdout)
             if args.json:
                 print_json(
                     finding.as_json()

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -69,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     with fast_imports():
+        from calib.apply.asked_depths import describe_depths
         from calib.apply.measure import Measurer
         from calib.apply.measure_files import (
             measure_at_depth,
@@ -90,6 +92,8 @@ def run(args: argparse.Namespace) -> None:
     with Bars() as bars:
         if args.depth is not None:
             measured = measure_at_depth(measurer, points, args.depth)
+            for remark in describe_depths(calibration, [args.depth]):
+                print(remark, file=sys.stderr)
         elif args.on_boards:
             measured = measure_on_boards(measurer, points, folder, poses, bars)
         else:

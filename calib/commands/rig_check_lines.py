@@ -43,8 +43,8 @@ def print_rig_check(result: RigCheckResult, following: str) -> None:
 
 
 def next_rig_command(result: RigCheckResult, rig: Path, pictures: Path) -> str:
-    """Return the command to type next: the errors on these pictures of a rig that holds, and the
-    fit of a new recording of one that does not.
+    """Return the command to type next: the errors on these pictures of a rig that holds, and a new
+    recording of one that does not.
     """
     if result.status is CheckStatus.VALID:
         return f"calib rig evaluate {shlex.quote(str(rig))} {shlex.quote(str(pictures))}"
@@ -52,8 +52,7 @@ def next_rig_command(result: RigCheckResult, rig: Path, pictures: Path) -> str:
     if not session.name.strip("."):  # "." and ".." are not names
         session = session.resolve()
     recording = session.with_name(f"{session.name}-again")
-    folder = shlex.quote(str(recording / "calibration"))
-    return f"calib rig fit {shlex.quote(str(recording))} -o {folder}"
+    return f"capture {shlex.quote(str(recording))} --source NAME=SOURCE ..."
 
 
 def rig_check_lines(result: RigCheckResult) -> Iterator[str]:

@@ -166,6 +166,7 @@ def _fit(args: argparse.Namespace) -> None:
         from calib.commands.printing import print_json, verdict_mapping
         from calib.commands.rig_lines import print_rig, rig_json
         from calib.commands.verdict_lines import print_verdict
+        from calib.errors import InputError
         from calib.io.output_folder import check_no_link
         from calib.report.write import NAME
         from calib.rig.fit_rig import fit_rig
@@ -178,6 +179,10 @@ def _fit(args: argparse.Namespace) -> None:
     description = read_rig(args.rig)
     folder = args.rig if args.rig.is_dir() else args.rig.parent
     output = args.output or check_no_link(folder / "calibration")
+    if output.resolve() in {session.path.resolve() for session in description.sessions.values()}:
+        raise InputError(
+            f"{output} is the session of a camera of this rig: name another folder by -o."
+        )
     files = RigFiles(
         output,
         tuple(description.sessions),

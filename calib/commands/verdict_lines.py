@@ -11,6 +11,7 @@ from calib.verdict.verdict import Trust, Verdict
 
 COLOURS = {Trust.TRUSTED: "green", Trust.CARE: "yellow", Trust.DO_NOT_USE: "red"}
 """The colour of each grade in a terminal."""
+RIG_HOLDOUT_NOTE = "HOLDOUT is the folder of another recording of this rig."
 HOLDOUT_NOTE = (
     "HOLDOUT is a folder of other pictures of this camera. If you have none, calib fit --folds 5"
     " sets some of these aside as a test."
@@ -41,4 +42,5 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
         for place, command in enumerate(commands):
             console.print(harmless(f"{'     ' if place else 'Then:'} {runnable_command(command)}"))
     if any("HOLDOUT" in command.split() for command in (verdict.next, *commands)):
-        console.print(HOLDOUT_NOTE)
+        is_rig = verdict.next.startswith("calib rig ")
+        console.print(RIG_HOLDOUT_NOTE if is_rig else HOLDOUT_NOTE)

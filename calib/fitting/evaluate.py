@@ -108,7 +108,7 @@ def evaluate(
     """
     check_progress(progress)
     calibration = Calibration.of(calibration)
-    session, size, left_out = _views_of(session, calibration)
+    session, size, left_out = held_out_session(session, calibration)
     camera = calibration.camera
     if size != (camera.width, camera.height):
         raise InputError(
@@ -163,10 +163,12 @@ def evaluate(
     )
 
 
-def _views_of(
+def held_out_session(
     source: SessionSource, calibration: Calibration
 ) -> tuple[Session, tuple[int, int], tuple[RejectedPicture, ...]]:
-    """Return the session, the size of its pictures in px, and those that are left out."""
+    """Return the session of held-out views, the size of its pictures in px, and those that are left
+    out. A folder of pictures without a session.yaml shows the calibration's board.
+    """
     if isinstance(source, str | PathLike):
         folder = FilePath(source)
         if folder.is_dir() and not (folder / "session.yaml").exists():

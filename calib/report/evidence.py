@@ -22,6 +22,7 @@ from calib.fitting.corner_range import (
     distance_range,
     picture_region,
 )
+from calib.fitting.supported_depths import FAR
 from calib.optics.build import pinhole_path
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -204,7 +205,7 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
         distance=distance,
         field=calibration.ray_field(),
         sigma=sigma,
-        depths=tuple(sorted(set(depths)))
+        depths=tuple(sorted({min(depth, FAR) for depth in depths}))
         or tuple(
             dict.fromkeys(
                 float(f"{d:.2g}") for d in np.quantile(distance[distance > 0], (0, 0.5, 1))

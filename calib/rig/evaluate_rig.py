@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from calib.corners.copies import count_fitted
 from calib.errors import NotEnoughDataError
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
@@ -70,6 +71,10 @@ class RigEvaluation:
     lengths: tuple[LengthBand, ...]
     """Near to far; bands without lengths are left out."""
     rejected: tuple[RejectedView, ...]
+    views: int = 0
+    """The views of all cameras."""
+    fitted_views: int = 0
+    """Those of them that the rig was fitted to, which are no test of it."""
 
 
 def evaluate_rig(
@@ -122,6 +127,11 @@ def evaluate_rig(
         shared_placements=int((counts > 1).sum()),
         lengths=_length_bands(calibrated, cameras, placements),
         rejected=tuple(rejected),
+        views=sum(len(camera.views) for camera in cameras.values()),
+        fitted_views=sum(
+            count_fitted(camera.views, calibrated.calibrations[name].views)
+            for name, camera in cameras.items()
+        ),
     )
 
 

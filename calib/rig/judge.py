@@ -19,6 +19,7 @@ from calib.rig.rig import Rig
 from calib.rig.rig_effects import RIG_FLEX, RIG_SLIP
 from calib.session.deviation import independent_deviation
 from calib.verdict.judge import judge
+from calib.verdict.thresholds import HELD_OUT_ELSEWHERE, MIN_ELSEWHERE
 from calib.verdict.verdict import Reason, Trust, Verdict, uncapitalised
 
 MIN_SHARED = 6
@@ -86,7 +87,13 @@ def judge_rig(
     source = Path(rig.record.source or "RIG")
     case = RigCase(rig, folder or source.parent / "calibration", source, evaluation)
     reasons = tuple(reason for check in RIG_CHECKS for reason in check(case))
-    command = f"calib rig evaluate {shlex.quote(str(case.folder))} HOLDOUT"
+    place = shlex.quote(str(case.folder))
+    command = f"calib rig evaluate {place} HOLDOUT"
+    if evaluation and evaluation.lengths:
+        band = evaluation.lengths[len(evaluation.lengths) // 2]
+        depth = (band.from_m + band.to_m) / 2
+        maps = shlex.quote(str(case.folder / "maps"))
+        command = f"calib rig rectify {place} --depth {depth:.2g} -o {maps}"
     return Verdict(reasons, command)
 
 
@@ -185,11 +192,26 @@ def rig_held_out(case: RigCase) -> Iterator[Reason]:
         return
     errors = [calibration.stages[-1].rms_px for calibration in case.rig.calibrations.values()]
     fitted = float(np.sqrt(np.mean(np.square(errors))))
+    if 2 * (count := evaluation.fitted_views) > evaluation.views:
+        which = "all of" if count == evaluation.views else f"{count} of"
+        yield Reason(
+            f"the rig was fitted to {which} these views, so their error is no test: take new"
+            " pictures, or leave some out of the fit.",
+            _new_recording(case),
+        )
     if evaluation.rms_px > MAX_HELD_OUT * fitted:
+        is_elsewhere = evaluation.rms_px > max(HELD_OUT_ELSEWHERE * fitted, MIN_ELSEWHERE)
+        cause = (
+            "do not use it for such pictures. They are of another rig, its cameras have other"
+            " names, or one has moved."
+            if is_elsewhere
+            else "the rig has changed, or the pictures of the fit were too few."
+        )
         yield Reason(
             f"the error on held-out placements is {evaluation.rms_px:.3g} px and that of the fit"
-            f" {fitted:.3g} px: the rig has changed, or the pictures of the fit were too few.",
-            case.fit_command,
+            f" {fitted:.3g} px: {cause}",
+            _new_recording(case) if is_elsewhere else case.fit_command,
+            word=Trust.DO_NOT_USE if is_elsewhere else Trust.CARE,
         )
     for band in evaluation.lengths:
         count = band.placements
@@ -200,6 +222,11 @@ def rig_held_out(case: RigCase) -> Iterator[Reason]:
                 f" {band.normalised:.1f} times what the calibration predicts.",
                 case.fit_command,
             )
+
+
+def _new_recording(case: RigCase) -> str:
+    """Return the command that records the rig again."""
+    return f"capture {shlex.quote(f'{case.source.parent}-again')} --source NAME=SOURCE ..."
 
 
 def camera_reasons(case: RigCase) -> Iterator[Reason]:

@@ -64,8 +64,10 @@ def read_later_views(
         )
     if session.board != calibration.board:
         raise InputError(
-            f"{session.path} has a {session.board} board and the calibrated rig a"
-            f" {calibration.board} one: take pictures of the same board."
+            f"{session.path} has a {session.board} board of {1e3 * session.board.square:g} mm and"
+            f" the calibrated rig a {calibration.board} one of"
+            f" {1e3 * calibration.board.square:g} mm: take pictures of the same board, or correct"
+            " its description."
         )
     views, rejected = read_views(session, progress)
     views, unusable = split_usable_views(views, session.board)

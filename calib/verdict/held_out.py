@@ -56,11 +56,14 @@ def held_out(case: Case) -> Iterator[Reason]:
             if is_elsewhere
             else "the model lacks something, or these views are of another setup."
         )
+        is_diagnosed = case.calibration.history.diagnosis is not None
+        diagnose = case.next.diagnose("--holdout", case.holdout)
+        next_command = case.next.report() if is_diagnosed else diagnose
         which = "these views" if count else "views that were not fitted"
         yield Reason(
             f"{which} have {error:.3f} px where the calibration's own have {case.left_px:.3f}"
             f" px{note}: {advice}",
-            case.next.diagnose("--holdout", case.holdout),
+            next_command,
             word=Trust.DO_NOT_USE if is_elsewhere else Trust.CARE,
         )
     elif extrapolated:

@@ -13,7 +13,13 @@ import numpy as np
 import pytest
 
 from calib.apply.measure import BoardPose, MeasuredPoints, Measurer, UnmeasuredReason
-from calib.apply.measure_files import read_points, read_poses, views_in_each_order
+from calib.apply.measure_files import (
+    Point,
+    measure_at_depth,
+    read_points,
+    read_poses,
+    views_in_each_order,
+)
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.corners.view import View
@@ -502,3 +508,22 @@ def test_a_board_with_too_few_visible_corners_gives_no_pose(calibration: Calibra
     )
     with pytest.raises(NotEnoughDataError, match=r"few.png: only 5 corners"):
         Measurer(calibration).board_pose(small_view)
+
+
+@pytest.mark.parametrize(
+    ("depth", "words"),
+    [("0.0001", "0.0001 m is too near: write"), ("inf", "points at infinity have no place")],
+)
+def test_points_inside_the_cover_and_at_infinity_are_refused(
+    folder: Path, depth: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "middle.csv").write_text("x,y\n400,300\n")
+    words_typed = ["measure", str(folder / "calibration"), str(folder / "middle.csv")]
+    assert main([*words_typed, "--depth", depth]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_plane_inside_the_cover_is_too_near() -> None:
+    measurer = Measurer(known(scene(1, views=1), WIDTH, HEIGHT))
+    with pytest.raises(InputError, match="0.01 m is too near: write"):
+        measure_at_depth(measurer, [Point("a", "", 400.0, 300.0)], 0.01)

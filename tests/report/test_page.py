@@ -428,3 +428,8 @@ def test_the_licences_are_of_the_versions_that_the_libraries_are_built_of() -> N
     assert set(direct) <= {name for name, _ in packages}
     bundle = gzip.decompress((WEB / "libraries.js.gz").read_bytes()).decode()
     assert f'"{versions["three"].split(".")[1]}"' in bundle
+
+
+def test_a_report_of_the_farthest_depth(small_calibration: Calibration, tmp_path: Path) -> None:
+    html = report_in(tmp_path, small_calibration, depths=(np.inf, 0.5)).read_text()
+    assert "at 100 m" in text(html)

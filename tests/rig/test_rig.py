@@ -31,6 +31,7 @@ from calib.rig.rig_storage import rig_arrays
 from calib.rig.triangulation import triangulate_points
 from calib.session.board import Board
 from calib.session.session import read_session
+from calib.verdict.verdict import Trust
 from fixtures.rigs import SimulatedRig, simulate_rig
 from fixtures.synthetic import BUMPS, THIN
 from tests.rig.conftest import EVEN
@@ -320,6 +321,21 @@ def test_lengths_on_one_placement_count_as_one(
     evaluation = RigEvaluation(error, {}, placements, placements, (band,), ())
     sentences = [reason.sentence for reason in judge_rig(fitted, evaluation=evaluation).reasons]
     assert any("2.5 times what the calibration" in text for text in sentences) == reported
+
+
+def test_pictures_of_another_rig_and_fitted_ones_are_no_test(fitted: Rig) -> None:
+    error = fitted.calibrations[fitted.reference].stages[-1].rms_px
+    swapped = RigEvaluation(max(20 * error, 1.0), {}, 5, 5, (), (), views=10)
+    verdict = judge_rig(fitted, evaluation=swapped)
+    assert verdict.word is Trust.DO_NOT_USE
+    assert "they are of another rig" in verdict.reasons[-1].sentence.lower()
+    assert verdict.next.startswith("capture ")
+    same = RigEvaluation(error, {}, 5, 5, (), (), views=10, fitted_views=10)
+    sentences = [reason.sentence for reason in judge_rig(fitted, evaluation=same).reasons]
+    assert any("fitted to all of these views" in sentence for sentence in sentences)
+    band = LengthBand(0.5, 1.0, 0.1, 0.1, 1.0, 20, 5)
+    good = RigEvaluation(error, {}, 5, 5, (band,), (), views=10)
+    assert " rectify " in judge_rig(fitted, evaluation=good).use
 
 
 @pytest.mark.slow

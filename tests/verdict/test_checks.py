@@ -349,6 +349,13 @@ def test_pictures_of_something_else_must_not_be_used(good: Calibration) -> None:
     assert reason.sentence.startswith("these views have 0.610 px")
 
 
+def test_a_diagnosed_calibration_is_not_sent_back_to_the_diagnosis(good: Calibration) -> None:
+    diagnosed = replace(good, history=History(diagnosis=DiagnosisRecord()))
+    evaluation = evaluated(2 * good.stages[-1].rms_px, 0.4, 1.0)
+    (reason,) = asked(held_out, diagnosed, evaluation=evaluation)
+    assert reason.next.startswith("calib report")
+
+
 def test_a_board_of_another_size_is_named(good: Calibration) -> None:
     error = good.stages[-1].rms_px
     same = replace(good.board, square=good.board.square * (1 + 1e-9))
