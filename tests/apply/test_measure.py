@@ -525,5 +525,5 @@ def test_points_inside_the_cover_and_at_infinity_are_refused(
 
 def test_a_plane_inside_the_cover_is_too_near() -> None:
     measurer = Measurer(known(scene(1, views=1), WIDTH, HEIGHT))
-    with pytest.raises(InputError, match="0.01 m is too near: write"):
+    with pytest.raises(InputError, match=r"0\.01 m is too near: write"):
         measure_at_depth(measurer, [Point("a", "", 400.0, 300.0)], 0.01)
