@@ -335,11 +335,12 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
     ):
         kept = shlex.join(_words_without_board(args))
         command = " ".join(filter(None, ("calib fit", source.words, kept, finding.options)))
-        reason = (
-            "Pictures cannot show how large its squares are: measure one, and type"
-            if args.board in (None, finding.size)
-            else "--board says {}x{}: type".format(*args.board)
-        )
+        if args.board not in (None, finding.size):
+            reason = "--board says {}x{}: type".format(*args.board)
+        elif kind != finding.kind:
+            reason = f"--type says {kind}: type"
+        else:
+            reason = "Pictures cannot show how large its squares are: measure one, and type"
         raise InputError(f"{sentence} {reason} {command}, with your own millimetres.")
     print(harmless(sentence), file=sys.stderr)
     scale = float(str(options[side]))

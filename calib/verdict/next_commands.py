@@ -56,7 +56,8 @@ class NextCommands:
         around = folder.parent if folder else recorded
         if not session:
             session = next((s for s in (recorded, around) if is_described(s)), recorded)
-        pictures = (frames_folder(place) for place in (session, recorded, around))
+        places = [place for place in (session, recorded, around) if is_described(place)]
+        pictures = map(frames_folder, places)
         command = request.command or CommandOptions()
         return NextCommands(
             session,

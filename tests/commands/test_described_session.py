@@ -408,6 +408,7 @@ def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
             ["my photos", *BOARD, "--cover", "dome", "--radius", "0.05+-0.01"],
             "0.05 m, if metres were meant, is 50",
         ),
+        (["my photos", *BOARD, "--type", "charuco"], "--type says charuco: type calib fit"),
         (["my photos", *BOARD, "--intrinsics", "1,2"], "such as 1200,1200,640,360"),
         (["taken.avi", *BOARD], "calib import video taken.avi --board 9x6 --square-mm 25 -o NEW"),
     ],

@@ -55,6 +55,18 @@ def test_a_straight_picture_comes_first_and_a_written_map_is_not_exported_again(
     assert export == pictures.export(0.5)
 
 
+def test_pictures_beside_a_result_are_not_those_of_a_session_that_is_gone(
+    good: Calibration, tmp_path: Path
+) -> None:
+    (tmp_path / "another.png").touch()
+    gone = replace(good.request, provenance=Provenance(session=str(tmp_path / "gone")))
+    calibration = replace(good, request=gone)
+    commands = NextCommands.of(calibration, tmp_path / "diagnosed", None, ())
+    assert commands.pictures is None
+    (tmp_path / "session.yaml").touch()
+    assert NextCommands.of(calibration, tmp_path / "diagnosed", None, ()).pictures == tmp_path
+
+
 def test_views_of_another_program_are_not_recorded() -> None:
     commands = NextCommands(Path("photos"), Path("photos/calibration"), Settings(), records=False)
     assert commands.capture() == "calib fit photos"
