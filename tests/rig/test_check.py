@@ -250,7 +250,7 @@ def test_the_command_has_the_exit_codes_of_calib_check(
     assert "The rig is broken for these pictures." in text
     assert "it has moved against left by" in text
     assert "two cameras do not show which of them moved: right, or left instead." in text
-    assert "Next: calib rig fit" in text
+    assert f"Next: capture {tmp_path}/bad-again --source NAME=SOURCE ..." in text
 
 
 def test_what_cannot_be_checked_gets_a_sentence(
