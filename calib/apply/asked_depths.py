@@ -59,6 +59,13 @@ def describe_depths(calibration: Calibration, depths: Iterable[float]) -> Iterat
             )
 
 
+def describe_all(calibration: Calibration, depths: Iterable[float]) -> Iterator[str]:
+    """Yield the sentences of `describe_depths` and of `describe_unsupported`."""
+    depths = tuple(depths)
+    yield from describe_depths(calibration, depths)
+    yield from describe_unsupported(calibration, depths)
+
+
 def describe_unsupported(calibration: Calibration, depths: Iterable[float]) -> Iterator[str]:
     """Yield a sentence on the depths, m, that the boards of a covered camera do not support."""
     corner_range = _corner_range(calibration)

@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.verdict_lines import print_verdict
         from calib.diagnosis.diagnose import diagnose
         from calib.fitting.description import calibrated_numbers
-        from calib.fitting.evaluate import evaluate, held_out_session
+        from calib.fitting.evaluate import held_out_session
         from calib.fitting.provenance import record_diagnosis
         from calib.io.file_set import FileSet
         from calib.io.output_folder import check_no_link
@@ -76,8 +76,9 @@ def run(args: argparse.Namespace) -> None:
             files.commit(instead_of=DERIVED)
             # where nothing was found, the calibration as it was given is the one to use
             used = output if finding.added else folder_of(args.calibration)
-            held_out = evaluate(better, holdout) if holdout else None
-            verdict = judge(better, folder=used, evaluation=held_out, holdout=args.holdout)
+            verdict = judge(
+                better, folder=used, evaluation=finding.evaluation, holdout=args.holdout
+            )
             if args.json:
                 print_json(
                     finding.as_json()

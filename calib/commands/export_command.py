@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from contextlib import ExitStack
 
-        from calib.apply.asked_depths import describe_depths, describe_unsupported
+        from calib.apply.asked_depths import describe_all
         from calib.apply.colour import channel_calibration, check_dispersion
         from calib.calibration import Calibration
         from calib.commands.console import Bars
@@ -119,10 +119,7 @@ def run(args: argparse.Namespace) -> None:
     camera = calibration.camera
     depths = tuple(dict.fromkeys(args.depth))
     axes = args.axes or AXES[0]
-    for remark in (
-        *describe_depths(calibration, depths),
-        *describe_unsupported(calibration, depths),
-    ):
+    for remark in describe_all(calibration, depths):
         print(remark, file=sys.stderr)
     names = file_names(form, depths, (camera.width, camera.height), axes)
     exports = []

@@ -26,9 +26,8 @@ CHOICES = re.compile(
 """The words before a list of choices in a message."""
 LINE = 80
 """The width of the lines that list choices."""
-MISSING = "the following arguments are required: "
-ONE_MISSING = "one of the arguments"
-"""The first words of argparse's message on arguments that are missing."""
+MISSING = ("the following arguments are required: ", "one of the arguments ")
+"""The first words of argparse's messages on arguments that are missing."""
 LONG_OPTION = re.compile(r"--[a-z][\w-]*", re.IGNORECASE)
 
 
@@ -86,7 +85,7 @@ class Parser(argparse.ArgumentParser):
         """Print the message alone, and where the options are explained. An argument may hold any
         character, for example a file name that a shell's * inserted: the message is made printable.
         """
-        if message.startswith((MISSING, ONE_MISSING)) and self._example:
+        if message.startswith(MISSING) and self._example:
             message += f". A whole command is: {self._example}"
         self.exit(2, f"{self.prog}: {with_choices_below(message)}\nsee {self.prog} --help\n")
 

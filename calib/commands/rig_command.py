@@ -177,8 +177,7 @@ def _fit(args: argparse.Namespace) -> None:
 
     start = time.monotonic()
     description = read_rig(args.rig)
-    folder = args.rig if args.rig.is_dir() else args.rig.parent
-    output = args.output or check_no_link(folder / "calibration")
+    output = args.output or check_no_link(description.file.parent / "calibration")
     if output.resolve() in {session.path.resolve() for session in description.sessions.values()}:
         raise InputError(
             f"{output} is the session of a camera of this rig: name another folder by -o."

@@ -103,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from calib.apply.angular_reach import undistortion_limit
-        from calib.apply.asked_depths import describe_depths, describe_unsupported
+        from calib.apply.asked_depths import describe_all
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
@@ -123,10 +123,7 @@ def run(args: argparse.Namespace) -> None:
     check_order(args.calibration, args.images)
     calibration = Calibration.load(args.calibration)
     depths = [args.depth] if args.depth is not None else []
-    for note in (
-        *describe_depths(calibration, depths),
-        *describe_unsupported(calibration, depths),
-    ):
+    for note in describe_all(calibration, depths):
         print(note, file=sys.stderr)
     with Bars() as bars:
         paths, cut_off, remark = (_straighten_bag if bags else _straighten_files)(

@@ -36,7 +36,7 @@ from calib.estimation.residuals import Residuals, residuals
 from calib.fit_record.history import DiagnosisRecord, Family, Quality
 from calib.fitting.declared import comparisons
 from calib.fitting.differing import Differing
-from calib.fitting.evaluate import evaluate
+from calib.fitting.evaluate import Evaluation, evaluate
 from calib.fitting.fit_result import with_fit
 from calib.fitting.view_noise import describe_noisy_views
 from calib.inference.calibration_model import base_model, full_model, without_own_bend
@@ -152,12 +152,14 @@ def diagnose(
         else calibration
     )
     given_held_out: float | None = None
+    evaluation: Evaluation | None = None
     if holdout:
         given_held_out = evaluate(calibration, holdout, progress).rms_px
         refitted = with_fit(calibration, base.model, base.joint, observations)
         halves = state.model.path.has_private_blocks
         base_held_out = evaluate(refitted, holdout, progress, halves=halves).rms_px
-        held_out = evaluate(extended, holdout, progress, halves=halves).rms_px
+        evaluation = evaluate(extended, holdout, progress, halves=halves)
+        held_out = evaluation.rms_px
     base_residuals = _residuals(base, observations)
     residuals_left = _residuals(state.fit, observations)
     noise, noise_source = _noise(calibration, residuals_left, poses)
@@ -174,6 +176,7 @@ def diagnose(
         differing=differing,
         given_held_out_px=given_held_out,
         decided=count >= MIN_CONFIRMING_VIEWS,
+        evaluation=evaluation,
         base_quality=Quality(base_residuals.rms_px, base_residuals.rmse_cm, base_held_out),
         final_quality=Quality(residuals_left.rms_px, residuals_left.rmse_cm, held_out),
         unexplained=_unexplained(residuals_left, noise, observations, state.joint),

@@ -11,6 +11,7 @@ from calib.diagnosis.printed_patterns import ClosedForm
 from calib.fit_record.history import Family, Quality
 from calib.fitting.declared import PREFIXES
 from calib.fitting.differing import Differing
+from calib.fitting.evaluate import Evaluation
 from calib.fitting.rounding import with_sigma
 from calib.inference.residual_structure import VarianceShare
 from calib.table import Table, TableSection
@@ -132,6 +133,8 @@ class Diagnosis:
     """False if there were too few views to confirm any effect."""
     earlier: tuple[str, ...] = ()
     """The accepted effects that the calibration had already."""
+    evaluation: Evaluation | None = None
+    """That of the diagnosed calibration on views that no fit has seen; None without such views."""
 
     @property
     def added(self) -> tuple[str, ...]:

@@ -93,9 +93,9 @@ def _considered_html(diagnosis: DiagnosisRecord) -> str:
         f"<li>{escape(outcome)}: {escape(', '.join(names))}</li>"
         for outcome, names in names_by_outcome.items()
     )
-    return f"<details><summary>What else was scored</summary><ul>{items}</ul></details>" * bool(
-        items
-    )
+    if not items:
+        return ""
+    return f"<details><summary>What else was scored</summary><ul>{items}</ul></details>"
 
 
 def _nothing_html(diagnosis: DiagnosisRecord) -> str:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def run(args: argparse.Namespace) -> None:
     with fast_imports():
         from calib.apply.angular_reach import undistortion_limit
-        from calib.apply.asked_depths import describe_depths, describe_unsupported
+        from calib.apply.asked_depths import describe_all
         from calib.calibration import Calibration
         from calib.commands.printing import print_json
         from calib.io.json_text import json_text
@@ -50,10 +50,7 @@ def run(args: argparse.Namespace) -> None:
     )
     if limit := undistortion_limit(calibration):
         narrator.tell(limit)
-    for remark in (
-        *describe_depths(calibration, [args.depth]),
-        *describe_unsupported(calibration, [args.depth]),
-    ):
+    for remark in describe_all(calibration, [args.depth]):
         narrator.tell(remark)
     targets: list[StreamTarget] = [window] if window else []
     is_watched = any(place.kind in ("window", "http") for place in places)
