@@ -11,6 +11,7 @@ from calib.verdict.next_commands import NextCommands
 from calib.verdict.verdict import Reason
 
 SESSION = Path("my session")
+DIAGNOSE = f"calib diagnose '{SESSION}/calibration'"
 
 
 def asked(

@@ -38,12 +38,13 @@ class Album:
 
     def __init__(self, error: Exception | None = None) -> None:
         self.pictures: list[np.ndarray] = []
-        self.closed = False
+        self.opened = self.closed = False
         self.before: Callable[[], object] = lambda: None
         """Called before a picture is kept."""
         self._error = error
 
     def __enter__(self) -> Self:
+        self.opened = True
         return self
 
     def __exit__(
@@ -203,11 +204,13 @@ def test_a_camera_that_is_unplugged_is_waited_for(camera: Camera, small: Calibra
 
 
 def test_a_camera_that_is_not_there_at_first_is_refused(camera: Camera, small: Calibration) -> None:
+    """No target opens: no page's address is told."""
     camera.plugged_in = False
-    straightener = Straightener(small, StreamView(0.5))
-    stream = Stream(partial(open_source, "v4l2:/dev/null"), straightener, [Album()], Remarks())
+    straightener, album = Straightener(small, StreamView(0.5)), Album()
+    stream = Stream(partial(open_source, "v4l2:/dev/null"), straightener, [album], Remarks())
     with pytest.raises(CaptureError, match="not connected any more: plug the camera in again"):
         stream.run()
+    assert not album.opened
 
 
 def test_the_stream_ends_while_it_waits_for_its_camera(camera: Camera, small: Calibration) -> None:
