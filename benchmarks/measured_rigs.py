@@ -43,7 +43,7 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.measured_sets import KEPT_BACK, PEERS, PYTHON, part_of
+from benchmarks.measured_sets import KEPT_BACK, PEERS, PYTHON, part_of, ratio_interval
 from calib.calibration import Calibration
 from calib.corners.view import View
 from calib.fit_record.request import Settings
@@ -73,8 +73,6 @@ PAIRS = ("stereo-air", "stereo-water")
 NAMES = ("left", "right")
 """The folders of a pair; the first camera is the reference."""
 FLAT = Settings(flat_board=True)
-DRAWS = 4000
-"""The draws of the kept-back placements."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,7 +262,7 @@ def _table(pair: str, rows: Sequence[Row]) -> Table:
     for column in columns:
         table.add_column(column, justify="right")
     for row in rows:
-        low, high = _ratio_interval(row.score, rig)
+        low, high = ratio_interval(row.score.total, rig.total)
         table.add_row(
             row.title,
             f"{row.score.rms_px:.4f}",
@@ -278,15 +276,6 @@ def _table(pair: str, rows: Sequence[Row]) -> Table:
             f"{row.seconds:.1f}",
         )
     return table
-
-
-def _ratio_interval(measured: Score, rig: Score) -> tuple[float, float]:
-    """Return the 95 % interval of the ratio of two errors on the same placements."""
-    count = len(rig.crossed)
-    draws = np.random.default_rng(0).integers(0, count, (DRAWS, count))
-    ratios = np.sqrt(measured.total[draws].sum(-1) / rig.total[draws].sum(-1))
-    low, high = np.quantile(ratios, [0.025, 0.975])
-    return float(low), float(high)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 Every third view is kept back. Each program calibrates with the others, and each of its kept-back
 views gets the pose that suits it best; the error is the root mean square of all corners there, px.
+"Ratio" is to the best other program, with its 95 % interval by drawing the kept-back views anew.
 "Noise" is that of single corners, over the error of the best other program: no model can be better.
 mrcal estimates the board's warp, and is left out where /usr/bin/python3 does not have it.
 
@@ -21,7 +22,7 @@ import argparse
 import json
 import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -48,6 +49,8 @@ from calib.session.parameter_names import CAMERA
 from calib.session.session import Session, read_session
 
 Floats = NDArray[np.float64]
+DRAWS = 4000
+"""Draws for an interval."""
 KEPT_BACK = 3
 """Every view of this number is kept back."""
 PYTHON = "/usr/bin/python3"
@@ -87,11 +90,20 @@ def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
                 causes = names(diagnosis)
             seconds = time.process_time() - start
             floor = calibration.noise_px or np.nan
-            ours = evaluate(calibration, held_out, halves=diagnosed).rms_px
+            views, _ = read_views(held_out, Silent())
+            squares = {
+                view.name: _sum_of_squares(calibration, folder, view, halves=diagnosed)
+                for view in views
+            }
             without_bend = fit(training, Settings(flat_board=True))
             flat = evaluate(without_bend, held_out, halves=diagnosed).rms_px
-            peer_errors = dict(peers(training, held_out, halves=diagnosed))
-        best = min(peer_errors.values())
+            peer_squares = dict(peers(training, held_out, halves=diagnosed))
+        count = sum(int(view.seen.sum()) for view in views)
+        ours = _root_mean(squares, count)
+        peer_errors = {name: _root_mean(by_view, count) for name, by_view in peer_squares.items()}
+        best_name = min(peer_errors, key=peer_errors.__getitem__)
+        best = peer_errors[best_name]
+        low, high = ratio_interval(*_paired(squares, peer_squares[best_name]))
         ratios.append(ours / best)
         floors.append(floor / best)
         table.add_row(
@@ -99,7 +111,7 @@ def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
             f"{ours:.4f}",
             f"{flat:.4f}",
             f"{best:.4f}",
-            f"{ratios[-1]:.2f}",
+            f"{ratios[-1]:.2f} ({low:.2f} to {high:.2f})",
             f"{floors[-1]:.2f}",
             f"{seconds:.1f}",
             ", ".join(f"{name} {error:.4f}" for name, error in peer_errors.items()),
@@ -110,6 +122,36 @@ def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
         f"ratio to the best other: median {np.median(ratios):.2f}, most {max(ratios):.2f}; of the"
         f" noise of single corners: median {np.nanmedian(floors):.2f}, most {np.nanmax(floors):.2f}"
     )
+
+
+def _sum_of_squares(calibration: Calibration, folder: Path, view: View, *, halves: bool) -> float:
+    """Return the sum of a view's squared errors, px^2."""
+    with TemporaryDirectory() as temporary:
+        alone = part_of(folder, [view], Path(temporary, "view"))
+        return evaluate(calibration, alone, halves=halves).rms_px ** 2 * int(view.seen.sum())
+
+
+def _root_mean(by_view: Mapping[str, float], count: int) -> float:
+    """Return the root mean square of the views' errors; count: their corners."""
+    return float(np.sqrt(sum(by_view.values()) / count))
+
+
+def _paired(first: Mapping[str, float], second: Mapping[str, float]) -> tuple[Floats, Floats]:
+    """Return two programs' sums, view by view."""
+    return np.array(list(first.values())), np.array([second[name] for name in first])
+
+
+def ratio_interval(first: Floats, second: Floats) -> tuple[float, float]:
+    """Return the 95 % interval of the ratio of two errors, by drawing the views anew.
+
+    Args:
+        first, second: (V,) each view's sum of squared errors.
+    """
+    count = len(first)
+    draws = np.random.default_rng(0).integers(0, count, (DRAWS, count))
+    ratios = np.sqrt(first[draws].sum(-1) / second[draws].sum(-1))
+    low, high = np.quantile(ratios, [0.025, 0.975])
+    return float(low), float(high)
 
 
 def names(diagnosis: Diagnosis) -> str:
@@ -187,8 +229,12 @@ def pinhole(calibration: Calibration) -> Floats:
     return np.array([[n.value for n in numbers], [n.sigma for n in numbers], by_corners])
 
 
-def peers(training: Session, held_out: Session, *, halves: bool) -> Iterator[tuple[str, float]]:
-    """Yield the name of each other program and its error on the kept-back views, px."""
+def peers(
+    training: Session, held_out: Session, *, halves: bool
+) -> Iterator[tuple[str, dict[str, float]]]:
+    """Yield the name of each other program, and the sum of the squared errors of each kept-back
+    view, px^2.
+    """
     fitted, _ = read_views(training, Silent())
     scored, _ = read_views(held_out, Silent())
     board = training.board
@@ -206,16 +252,17 @@ def peers(training: Session, held_out: Session, *, halves: bool) -> Iterator[tup
             )
         except cv2.error:
             continue
-        squares = []
+        squares = {}
         for view in scored:
             seen, corners = points[view.seen].astype(np.float64), view.corners[view.seen]
             odd = np.arange(len(seen)) % 2 == 1
+            squares[view.name] = 0.0
             for part in (odd, ~odd) if halves else (odd | True,):
                 rest = ~part if halves else part
                 _, turn, place = cv2.solvePnP(seen[rest], corners[rest], matrix, lens)
                 image = cv2.projectPoints(seen[part], turn, place, matrix, lens)[0]
-                squares.append(((image.reshape(-1, 2) - corners[part]) ** 2).sum(-1))
-        yield name, float(np.sqrt(np.concatenate(squares).mean()))
+                squares[view.name] += float(((image.reshape(-1, 2) - corners[part]) ** 2).sum())
+        yield name, squares
     child = subprocess.run(
         [
             *(PYTHON, "-m", "benchmarks.peers.mrcal_session"),

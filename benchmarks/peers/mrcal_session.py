@@ -1,4 +1,4 @@
-"""Debian's mrcal on a session of corners: print its errors on kept-back views as JSON, px.
+"""Debian's mrcal on a session of corners: print the squared errors of kept-back views, JSON, px^2.
 
 Run by /usr/bin/python3, where Debian puts mrcal: KEPT HELD_OUT, two session folders. With --halves,
 each half of a view's corners is measured with the pose that the other half gives.
@@ -46,7 +46,7 @@ def main() -> None:
         if camera is None:
             continue
         focal = focal or float(camera.intrinsics()[1][0])
-        errors[name] = error(camera, document["board"], held_out, halves=halves)
+        errors[name] = squared_errors(camera, document["board"], held_out, halves=halves)
     print(json.dumps(errors))
 
 
@@ -94,17 +94,17 @@ def calibrate(
     return mrcal.cameramodel(str(file)) if file.exists() else None
 
 
-def error(
+def squared_errors(
     camera: mrcal.cameramodel, board: dict[str, float], session: Path, *, halves: bool
-) -> float:
-    """Return the root mean square error on the session's views, px."""
+) -> dict[str, float]:
+    """Return the sum of the squared errors of each of the session's views, px^2."""
     warp = camera.optimization_inputs()["calobject_warp"]
     points = mrcal.ref_calibration_object(
         board["columns"], board["rows"], side(board), calobject_warp=warp
     ).reshape(-1, 3)
     intrinsics = camera.intrinsics()
-    squares: list[Floats] = []
-    for corners in read_corners(session / "corners.vnl").values():
+    squares: dict[str, float] = {}
+    for picture, corners in read_corners(session / "corners.vnl").items():
         seen = np.isfinite(corners[:, 0])
         ours, pixels = points[seen], corners[seen]
         rays = mrcal.unproject(pixels, *intrinsics)
@@ -117,12 +117,13 @@ def error(
             return np.ravel(mrcal.project(moved, *intrinsics) - pixels)
 
         odd = np.arange(len(ours)) % 2 == 1
+        squares[picture] = 0.0
         for scored in (odd, ~odd) if halves else (odd | True,):
             fitted = ~scored if halves else scored
             start = np.append(turn, place)
             pose = least_squares(residual, start, args=(ours[fitted], pixels[fitted])).x
-            squares.append(residual(pose, ours[scored], pixels[scored]) ** 2)
-    return float(np.sqrt(2 * np.concatenate(squares).mean()))
+            squares[picture] += float((residual(pose, ours[scored], pixels[scored]) ** 2).sum())
+    return squares
 
 
 def side(board: dict[str, float]) -> float:
