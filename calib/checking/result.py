@@ -88,6 +88,13 @@ class CheckStatistics:
     reused_views: int = 0
     """Views that the calibration was fitted to, which cannot contradict it."""
 
+    @property
+    def typical_px(self) -> float:
+        """The error of a typical view, px. The test compares it with `allowed_px`, so that single
+        views with large errors raise no alarm.
+        """
+        return self.expected_px * self.statistic**0.5
+
     def as_json(self) -> dict[str, object]:
         return {
             "statistic": self.statistic,

@@ -98,7 +98,7 @@ def _test_reasons(statistics: CheckStatistics, result: CheckResult) -> Iterator[
     is_small = status is CheckStatus.VALID and statistics.p_value < ALPHA
     chance = f" (p {p_text(statistics.p_value)}; less than {ALPHA:g} is an alarm)"
     yield (
-        f"the error on {count} view{'s' * (count > 1)} is {statistics.error_px:.3f} px;"
+        f"the error on {count} view{'s' * (count > 1)} is {error_words(statistics)};"
         f" {statistics.expected_px:.3f} px are expected and up to {statistics.allowed_px:.3f} px"
         f" allowed{'' if is_small else chance}."
     )
@@ -125,6 +125,16 @@ def _test_reasons(statistics: CheckStatistics, result: CheckResult) -> Iterator[
         yield (
             "that is few: three to five views of a tilted board, near and far, give a better check."
         )
+
+
+def error_words(statistics: CheckStatistics) -> str:
+    """Return the error, with that of a typical view where single views make the error larger than
+    what is allowed.
+    """
+    typical, error = statistics.typical_px, f"{statistics.error_px:.3f} px"
+    if typical < statistics.allowed_px < statistics.error_px:
+        return f"{error}, but {typical:.3f} px in a typical one"
+    return error
 
 
 def p_text(value: float) -> str:

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from calib.checking.result import CheckStatus
 from calib.checking.significance import ALPHA
-from calib.commands.check_lines import p_text
+from calib.commands.check_lines import error_words, p_text
 from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.fitting.rounding import with_sigma
@@ -68,7 +68,7 @@ def _reasons(result: RigCheckResult) -> Iterator[str]:
     if statistics:
         yield (
             f"the error on {result.placements} placement{'s' * (result.placements > 1)} with one"
-            f" pose of the board for all cameras is {statistics.error_px:.3f} px;"
+            f" pose of the board for all cameras is {error_words(statistics)};"
             f" {statistics.expected_px:.3f} px are expected and up to"
             f" {statistics.allowed_px:.3f} px allowed."
         )

@@ -1,6 +1,7 @@
 """`calib check`: exit codes, JSON, sentences, and what is written."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -237,6 +238,17 @@ def test_a_valid_check_prints_no_alarm() -> None:
     assert "too little to matter: it adds 0.004 px or less" in valid
     assert "is an alarm" not in valid
     assert "is an alarm" in alarm
+
+
+def test_a_valid_check_says_why_a_large_error_is_allowed() -> None:
+    """The test looks at a typical view: the square root of 1.44 is 1.2 times what is expected."""
+    statistics = CheckStatistics(1.0, 1.44, 100, 0.18, 0.1, 0.14, 0.0, 0.05, 1.0, 8)
+    valid = "\n".join(result_lines(CheckResult(CheckStatus.VALID, statistics, (), ())))
+    assert "is 0.180 px, but 0.120 px in a typical one; 0.100 px are expected" in valid
+    for error, statistic in ((0.13, 1.44), (0.18, 4.0)):
+        alike = replace(statistics, error_px=error, statistic=statistic)
+        lines = "\n".join(result_lines(CheckResult(CheckStatus.VALID, alike, (), ())))
+        assert "typical" not in lines
 
 
 @pytest.mark.parametrize(("name", "is_named"), [("unknown", False), ("board_scale", True)])
