@@ -30,6 +30,16 @@ def depth(text: str) -> float:
     return metres
 
 
+def finite_depth(text: str) -> float:
+    """Return a finite distance in metres."""
+    metres = depth(text)
+    if metres == math.inf:
+        raise argparse.ArgumentTypeError(
+            "a pair is aligned at a finite depth: write metres, such as 1000 for the farthest"
+        )
+    return metres
+
+
 def quoted(text: str) -> str:
     """Return the text as a message quotes it: in quotation marks, and cut if it is long."""
     return repr(brief(text))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands import rig_diagnosis
-from calib.commands.arguments import add_output, add_overwrite, depth
+from calib.commands.arguments import add_output, add_overwrite, finite_depth
 from calib.commands.fit_options import add_fit_options
 from calib.commands.parser import Help
 
@@ -95,11 +95,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
     for action in (rectify, export):
         action.add_argument(
-            "--depth", type=depth, required=True, metavar="METRES", help="depth, in metres"
+            "--depth", type=finite_depth, required=True, metavar="METRES", help="depth, in metres"
         )
     rectify.add_argument(
         "--depths",
-        type=depth,
+        type=finite_depth,
         nargs=2,
         metavar=("NEAR", "FAR"),
         help="depths over which rows are to be off least (default: half and twice --depth)",
@@ -108,7 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     depth_action.add_argument("right", type=Path, metavar="PICTURE", help="of the right camera")
     depth_action.add_argument(
         "--depths",
-        type=depth,
+        type=finite_depth,
         nargs=2,
         required=True,
         metavar=("NEAR", "FAR"),

@@ -174,12 +174,13 @@ def depth_json(picture: DepthPicture) -> dict[str, object]:
     """Return the JSON object of a depth picture."""
     measured = np.isfinite(picture.depth)
     if not measured.any():
-        return {"pixels": 0}
+        return {"pixels": 0, "swapped": picture.is_swapped}
     return {
         "pixels": int(measured.sum()),
         "fraction": float(measured.mean()),
         "median_m": float(np.median(picture.depth[measured])),
         "median_sigma_m": float(np.median(picture.sigma[measured])),
+        "swapped": picture.is_swapped,
     }
 
 
@@ -187,6 +188,12 @@ def print_depth(picture: DepthPicture) -> None:
     """Print how many pixels of a depth picture have a depth, and how sure these are."""
     measured = np.isfinite(picture.depth)
     console = Console()
+    if picture.is_swapped:
+        _print(
+            console,
+            "The pictures match better in the other order: do not use these depths, and give the"
+            " picture of the left camera first.",
+        )
     if not measured.any():
         _print(console, "No pixel has a match: search other depths, or light the scene.")
         return

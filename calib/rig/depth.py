@@ -9,6 +9,7 @@ Source: H. Hirschmueller, Stereo processing by semiglobal matching and mutual in
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -29,6 +30,10 @@ MATCH_NOISE_PX = 0.25
 """px: the standard deviation of a match, from OpenCV's interpolation of disparities, which it gives
 in sixteenths.
 """
+FEW_MATCHES = 0.5
+"""The share of pixels below which the two pictures may be in the wrong order."""
+MORE_MATCHES = 1.2
+"""By how many times a wrong order has fewer matches: 1.16 to 1.8 in pictures of a board."""
 SIGMA_POINTS = 2000
 """Matches at which sigma is computed; the others take that of the nearest one, scaled by the square
 of the depth.
@@ -47,6 +52,8 @@ class DepthPicture:
     """(height, width) m, its standard deviation, from the match's noise and the calibration."""
     points: Array
     """(N, 3) m, the matches in the reference's frame, row by row."""
+    is_swapped: bool = False
+    """True if the pictures match better in the other order."""
 
 
 def depth_picture(
@@ -67,19 +74,27 @@ def depth_picture(
         noise_px: the standard deviation of a match.
 
     Raises:
-        InputError: a picture has another size than the camera, or the range is too wide.
+        InputError: a picture has another size than the camera, both are the same picture, or the
+            range is too wide.
     """
-    rectified: list[NDArray] = []
-    for name, picture, (map_x, map_y) in zip(pair.names, pictures, pair.maps, strict=True):
+    for name, picture in zip(pair.names, pictures, strict=True):
         camera = rig.calibrations[name].camera
         if picture.shape[:2] != (camera.height, camera.width):
             raise InputError(
                 f"The picture of {name} is {picture.shape[1]}x{picture.shape[0]} px and the"
                 f" calibration for {camera.width}x{camera.height}."
             )
-        eight_bits = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
-        rectified.append(remap(eight_bits, map_x, map_y, cv2.INTER_CUBIC, cv2.BORDER_CONSTANT))
-    disparity = _match(rectified, pair, depths)
+    if np.array_equal(*pictures):
+        raise InputError(
+            f"Both pictures are the same: give one of {pair.names[0]} and one of {pair.names[1]},"
+            " taken at the same time."
+        )
+    disparity = _match(pictures, pair, depths)
+    is_swapped = False
+    share = np.isfinite(disparity).mean()
+    if share < FEW_MATCHES and pictures[0].shape == pictures[1].shape:
+        swapped = _match(pictures[::-1], pair, depths)
+        is_swapped = bool(np.isfinite(swapped).mean() > MORE_MATCHES * share)
     rows, columns = np.nonzero(np.isfinite(disparity))
     shape = disparity.shape
     depth = np.full(shape, np.nan, np.float32)
@@ -105,15 +120,19 @@ def depth_picture(
         relative_sigma[rows[sample], columns[sample]] = relative
         nearest = _nearest(relative_sigma)
         sigma = np.where(np.isfinite(depth), nearest * depth**2, np.nan).astype(np.float32)
-    return DepthPicture(depth, sigma, points[is_matched])
+    return DepthPicture(depth, sigma, points[is_matched], is_swapped)
 
 
 def _match(
-    rectified: list[NDArray], pair: RectifiedPair, depths: tuple[float, float]
+    pictures: Sequence[NDArray], pair: RectifiedPair, depths: tuple[float, float]
 ) -> NDArray[np.float32]:
-    """Return the (height, width) px by which each pixel of the first picture lies farther right
-    than its match in the second; NaN without one.
+    """Return the (height, width) px by which each pixel of the first rectified picture lies farther
+    right than its match in the second; NaN without one.
     """
+    rectified: list[NDArray] = []
+    for picture, (map_x, map_y) in zip(pictures, pair.maps, strict=True):
+        eight_bits = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
+        rectified.append(remap(eight_bits, map_x, map_y, cv2.INTER_CUBIC, cv2.BORDER_CONSTANT))
     near, far = depths
     lowest = int(np.floor(pair.focal * pair.baseline / far)) - 1
     highest = int(np.ceil(pair.focal * pair.baseline / near)) + 1

@@ -95,7 +95,10 @@ def test_the_chosen_direction_is_better_than_its_neighbours(small: Rig) -> None:
 def test_a_depth_picture_of_a_wall(small: Rig) -> None:
     depths = 0.5, 1.0
     pair = rectify(small, ("left", "right"), 0.67, depths)
-    picture = depth_picture(small, pair, wall_pictures(small), depths)
+    left, right = wall_pictures(small)
+    picture = depth_picture(small, pair, (left, right), depths)
+    assert not picture.is_swapped
+    assert depth_picture(small, pair, (right, left), depths).is_swapped
     measured = np.isfinite(picture.depth)
     assert measured.mean() > 0.4
     error = picture.points @ PLANE - DEPTH
@@ -110,6 +113,9 @@ def test_a_picture_of_another_size_is_refused(small: Rig, rectified: RectifiedPa
     wrong = np.zeros((10, 10), np.uint8)
     with pytest.raises(InputError, match="10x10 px and the calibration for 410x308"):
         depth_picture(small, rectified, (wrong, wrong), (0.5, 1.0))
+    right = np.zeros((308, 410), np.uint8)
+    with pytest.raises(InputError, match="Both pictures are the same"):
+        depth_picture(small, rectified, (right, right), (0.5, 1.0))
     with pytest.raises(InputError, match="two different cameras"):
         rectify(small, ("left", "left"), DEPTH)
 
