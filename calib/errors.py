@@ -4,12 +4,27 @@ Any other exception is a bug, and a command that raises one exits with 1.
 """
 
 import unicodedata
+from collections.abc import Sequence
+from difflib import get_close_matches
 
 MAX_MESSAGE = 400
 """Characters of a message. At least `MIN_ENDING` of its end are kept: the end says what to do."""
 MIN_ENDING = 150
 MAX_FOREIGN = 80
 """Characters of foreign text within a message."""
+CLOSE = 0.65
+"""How alike a word and the choice that it may mean are, at the least: 1 is the same."""
+SYNONYMS = {
+    **dict.fromkeys(("window", "port", "plane", "pane"), "flat"),
+    **dict.fromkeys(("sphere", "hemisphere"), "dome"),
+    **dict.fromkeys(("tube", "pipe"), "cylinder"),
+    **dict.fromkeys(("show", "view", "open"), "report"),
+    **dict.fromkeys(("calibrate", "calib"), "fit"),
+    **dict.fromkeys(("rectify", "straighten", "dewarp"), "undistort"),
+    **dict.fromkeys(("test", "validate"), "evaluate"),
+    **dict.fromkeys(("new", "create"), "init"),
+}
+"""Other words for shapes and commands."""
 
 
 def harmless(foreign: str, max_length: int | None = None) -> str:
@@ -43,6 +58,14 @@ def _escaped(character: str) -> str:
     if unicodedata.category(character) == "Zs":  # an unusual space
         return " "
     return character.encode("unicode_escape").decode()
+
+
+def meant(foreign: object, choices: Sequence[str]) -> str:
+    """Return the choice that a word may have been meant as; "" if none is close."""
+    word = brief(foreign)
+    if SYNONYMS.get(word) in choices:
+        return SYNONYMS[word]
+    return next(iter(get_close_matches(word, choices, 1, CLOSE)), "")
 
 
 class RefracalError(Exception):

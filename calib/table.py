@@ -4,6 +4,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 
+LARGE = 10.0
+"""From this ratio on, a change is a factor, not a percentage."""
+
 
 @dataclass(frozen=True, slots=True)
 class TableSection:
@@ -98,8 +101,10 @@ def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
 
 def change(value: float, reference: float) -> str:
     """Return by how much a value is above or below its reference, in whole percent with a sign, as
-    text: `0 %`, never `-0 %`.
+    text: `0 %`, never `-0 %`; from ten times on, as a factor.
     """
+    if value >= LARGE * reference:
+        return f"{value / reference:.0f} times"
     percent = round(100 * (value / reference - 1))
     return f"{percent:+d} %" if percent else "0 %"
 

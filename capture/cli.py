@@ -10,11 +10,11 @@ from capture.commands import record, sources, ui
 DESCRIPTION = """
 Record the pictures for a calibration, with any camera of this machine.
 
-  capture SESSION                        the terminal UI: from the first picture to maps
+  capture SESSION                        the guiding screen: from the first picture to maps
   capture SESSION --serve                the same in a browser of this machine
   capture SESSION --serve --host 0.0.0.0 --port 8000
                                          in any browser that has the address
-`capture ui --help` lists all options of these.
+`capture SESSION --help` lists all options of these.
 """
 EPILOG = """
 stdout carries the result, stderr the next step and remarks. Exit codes: 0 done, 1 a bug, 2 wrong

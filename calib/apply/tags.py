@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from calib.corners.detect import eight_bits
 from calib.corners.ink_spread import NO_INK_SPREAD, InkSpread, measure_ink_spread, remove_ink_spread
 from calib.corners.markers import black_cells, read_markers, size_of_markers
 from calib.corners.tag_outline import edge_vectors, measure_outlines
-from calib.errors import InputError, brief
+from calib.errors import InputError, brief, meant
 from calib.io.array_arguments import numbers, one_of, picture, pixel_rows
 from calib.io.numerals import real_number
 from calib.session.coding import DICTIONARIES
@@ -88,10 +87,10 @@ class TagLocator:
             InputError: there is no such dictionary, or a size is out of range.
         """
         if not isinstance(dictionary, str) or dictionary not in DICTIONARIES:
-            near = get_close_matches(str(dictionary).upper(), DICTIONARIES, 1)
+            near = meant(str(dictionary).upper(), DICTIONARIES)
             raise InputError(
                 f"{brief(repr(dictionary))} is no dictionary of tags: write"
-                f" {near[0] if near else 'DICT_APRILTAG_36h11, say'}."
+                f" {near or 'DICT_APRILTAG_36h11, say'}."
             )
         side = real_number(side, "side")
         if not MIN_SIDE <= side <= MAX_SIDE:

@@ -3,10 +3,9 @@
 import argparse
 import math
 from collections.abc import Sequence
-from difflib import get_close_matches
 from pathlib import Path
 
-from calib.errors import InputError, brief
+from calib.errors import InputError, brief, meant
 from calib.io.numerals import whole_number
 
 FARTHEST = 1e9
@@ -22,10 +21,14 @@ def depth(text: str) -> float:
     except ValueError:
         metres = math.nan
     if not (0 < metres <= FARTHEST or metres == math.inf):
-        hint = " with a point" if "," in text else ""
+        if "," in text:
+            raise argparse.ArgumentTypeError(
+                f"{quoted(text)} is not a depth: write metres with a point, such as 0.8, and"
+                " several depths with blanks between them"
+            )
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not a depth: write metres above 0{hint}, such as 1.0, or inf for"
-            " the farthest"
+            f"{quoted(text)} is not a depth: write metres above 0, such as 1.0, or inf for the"
+            " farthest"
         )
     return metres
 
@@ -210,8 +213,8 @@ def effects(text: str) -> tuple[str, ...]:
     if text in ("none", "auto"):
         return () if text == "none" else ("auto",)
     if invalid or not names or len(set(names)) < len(names):
-        near = get_close_matches(invalid[0], NAMES, 1) if invalid else ()
-        hint = f": did you mean {near[0]}?" if near else "."
+        near = meant(invalid[0], NAMES) if invalid else ""
+        hint = f": did you mean {near}?" if near else "."
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} does not name effects{hint} Write none, auto, or some of"
             f" {', '.join(NAMES)}, each once, joined by commas"
@@ -226,8 +229,8 @@ def free(text: str) -> tuple[str, ...]:
     names = option_names()
     for name in text.split(","):
         if name not in names:
-            near = get_close_matches(name, names, 1)
-            hint = f": did you mean {near[0]}?" if near else "."
+            near = meant(name, names)
+            hint = f": did you mean {near}?" if near else "."
             raise argparse.ArgumentTypeError(
                 f"{quoted(name)} is not a number that can be freed{hint} Write some of"
                 f" {', '.join(names)}, joined by commas"

@@ -117,15 +117,15 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
 
 def _stages(stages: Sequence[Stage]) -> Table:
     """Return the table of the errors after each stage, against the first if there are several."""
-    fell = len(stages) > 1
+    compared = ("against the camera alone",) if len(stages) > 1 else ()
+    fell = bool(compared) and stages[-1].rms_px < stages[0].rms_px
     title = "How the error fell (root mean square)" if fell else "Error (root mean square)"
-    compared = ("against the camera alone",) if fell else ()
     table = Table("stage", "reprojection error", "on the board", *compared, title=title)
     for column in table.columns[1:]:
         column.justify = "right"
     for stage in stages:
         cells = [stage.title, f"{stage.rms_px:.3f} px", board_error(stage.rmse_cm)]
-        if fell:
+        if compared:
             cells.append("" if stage is stages[0] else change(stage.rms_px, stages[0].rms_px))
         table.add_row(*cells)
     return table

@@ -152,14 +152,18 @@ def _earlier_values(
     """
     old = earlier.get("cover", {})
     new = (cover_from_options(args, {"shape": cover["shape"]}) if cover else None) or {}
+    new["shape"] = args.cover
     numbers = {
         key: value
         for key, value in (old if cover is None else cover).items()
         if key in old and new.get(key) != value
     }
+    board = earlier.get("board", {})
+    size = f" {board['columns']}x{board['rows']}" if {"columns", "rows"} <= board.keys() else ""
+    side = _earlier_side(board)
     texts = {
-        "the board": "board" in earlier and not (args.board or _board_options(args)),
-        _earlier_side(earlier.get("board", {})): bool(args.board) and not _board_options(args),
+        f"the board{size}": bool(board) and not (args.board or _board_options(args)),
+        side: bool(side) and not _board_options(args),
         ", ".join(f"{key} {_in_words(value)}" for key, value in numbers.items()): bool(numbers),
         "the lens": "intrinsics" in earlier and not args.intrinsics,
     }

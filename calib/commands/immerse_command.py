@@ -1,7 +1,9 @@
 """The command `calib immerse`."""
 
 import argparse
-from collections.abc import Callable, Iterator
+import shlex
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.apply.water import (
@@ -24,12 +26,12 @@ from calib.commands.arguments import (
 )
 from calib.commands.loading import fast_imports
 from calib.errors import InputError
+from calib.io.numerals import depth_text
 from calib.session.dispersion import Dispersion
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from calib.apply.change_medium import Immersion
+    from calib.session.schema import Number
 
 SUMMARY = "Convert a calibration to another medium: made in air, used in water."
 DESCRIPTION = """
@@ -101,6 +103,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.calibration_file import DERIVED, FILES
         from calib.commands.console import Bars
         from calib.commands.printing import print_json
+        from calib.commands.program import runnable_command
         from calib.diagnosis.all_free import all_free
         from calib.export.npz import npz_file_names, write_npz
         from calib.io.file_set import FileSet
@@ -131,10 +134,28 @@ def run(args: argparse.Namespace) -> None:
         ]
         files.commit(instead_of=DERIVED)
     remarks = list(_remarks(immersion))
+    medium = calibration.cover.medium
+    if medium and medium.value > MAX_GAS_INDEX and index > MAX_GAS_INDEX:
+        remarks.append(
+            f"this calibration was made with {medium.value:.5g} outside, not in air: its outside"
+            f" index is now {index:.5g}."
+        )
     if args.json:
         print_json(_as_mapping(immersion, remarks, [str(path) for path in written]))
-    else:
-        _print(immersion, remarks, written)
+        return
+    _print(immersion, remarks, written, medium)
+    print(f"Next: {runnable_command(_next_command(immersion, output, depths))}")
+    if immersion.unknown:
+        print("PICTURES are three of the board, taken in the new medium.")
+
+
+def _next_command(immersion: "Immersion", output: Path, depths: Sequence[float]) -> str:
+    """Return the command to type next: the check that determines what the views do not, or maps."""
+    if immersion.unknown:
+        return shlex.join(["calib", "check", str(output), "PICTURES", "--update"])
+    depth = depths[0] if depths else immersion.depths[len(immersion.depths) // 2]
+    maps = ["--format", "npz", "--depth", depth_text(depth), "-o", str(output / "export")]
+    return shlex.join(["calib", "export", str(output), *maps])
 
 
 def _parser_between(low: float, high: float) -> Callable[[str], float]:
@@ -276,7 +297,9 @@ def _as_mapping(
     }
 
 
-def _print(immersion: "Immersion", remarks: list[str], written: "list[Path]") -> None:
+def _print(
+    immersion: "Immersion", remarks: list[str], written: "list[Path]", medium: "Number | None"
+) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -287,10 +310,11 @@ def _print(immersion: "Immersion", remarks: list[str], written: "list[Path]") ->
     spread = f" ± {index.sigma:.2g}" if index.sigma else ""
     if immersion.after_px:
         console.print(
-            f"How sure the maps are (one sigma), outside index {index.value:.5g}{spread}:",
+            f"Expected error of the maps (sigma), outside index {index.value:.5g}{spread}:",
             highlight=False,
         )
-        table = Table("depth", "before", "there")
+        original = f"{medium.value:.5g}" if medium else "before"
+        table = Table("depth", f"outside {original}", f"outside {index.value:.5g}")
         for depth, original_sigma, new_sigma in zip(
             immersion.depths, immersion.before_px, immersion.after_px, strict=True
         ):

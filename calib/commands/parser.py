@@ -5,12 +5,11 @@ import re
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from itertools import takewhile
 from types import ModuleType
 from typing import Any, NoReturn
 
-from calib.errors import RefracalError, brief, harmless
+from calib.errors import RefracalError, brief, harmless, meant
 
 NUMBER = re.compile(
     r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[+-]?[0-9]+)?(mm|cm|m)?|[+-]?(inf|nan)", re.IGNORECASE
@@ -122,8 +121,8 @@ class Parser(argparse.ArgumentParser):
         names = [option.removeprefix("--") for option in options if option.startswith("--")]
         start = word.removeprefix("--")
         longer = [name for name in names if name.startswith(start)]
-        close = get_close_matches(start, names, 1) or longer
-        return f": did you mean --{close[0]}?" if len(close) == 1 else f" of {self.prog}"
+        close = meant(start, names) or (longer[0] if len(longer) == 1 else "")
+        return f": did you mean --{close}?" if close else f" of {self.prog}"
 
     def _join_numbers(self, words: Sequence[str]) -> list[str]:
         """Return the words with the numbers of each option joined to it by an equals sign. argparse
@@ -187,8 +186,8 @@ class Parser(argparse.ArgumentParser):
         if action.choices is None or value in action.choices:
             return
         choices = [str(choice) for choice in action.choices]
-        close = get_close_matches(str(value), choices, 1)
-        hint = f": did you mean {close[0]}?" if close else "."
+        close = meant(value, choices)
+        hint = f": did you mean {close}?" if close else "."
         raise argparse.ArgumentError(
             action,
             f"invalid choice {brief(repr(value))}{hint} Choose from {', '.join(choices)}",

@@ -187,8 +187,8 @@ def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
     shown = shown_size(pictures)
     if shown and {shown.columns, shown.rows} != {board.columns, board.rows}:
         raise OtherBoardError(
-            f"a board of {shown.columns}x{shown.rows} inner corners is seen in"
-            f" {len(shown.pictures)} pictures, the declared {board} in none of these: write"
+            f"{len(shown.pictures)} pictures show a board of {shown.columns}x{shown.rows} inner"
+            f" corners, and none of these shows the declared {board}: write"
             f" board.columns: {shown.columns}, board.rows: {shown.rows} in session.yaml, or call"
             f" calib fit with --board {shown.columns}x{shown.rows}."
         )

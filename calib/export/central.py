@@ -136,8 +136,9 @@ class CentralModel:
         fitted = self.misfit_at_depth
         if fitted.worst_px > MISFIT_LIMIT:
             yield (
-                f"it is off by up to {fitted.worst_px:.2f} px even at {fitted.depth:g} m. Maps"
-                " (--format npz, opencv or stmap) have no such error."
+                f"the camera model is off by up to {fitted.worst_px:.2f} px even at"
+                f" {fitted.depth:g} m. Maps have no such error: use those that --format opencv, npz"
+                " or stmap writes."
             )
         worst = max(
             (self.misfit_at_half_depth, self.misfit_at_double_depth),
@@ -145,7 +146,7 @@ class CentralModel:
         )
         if worst.drift_px > MISFIT_LIMIT:
             yield (
-                f"it holds at {fitted.depth:g} m. At {worst.depth:g} m its error changes by up to"
+                f"the camera model holds at {fitted.depth:g} m. At {worst.depth:g} m its error changes by up to"
                 f" {worst.drift_px:.2f} px, for the distortion depends on the depth: export one"
                 " for each depth that you use."
             )

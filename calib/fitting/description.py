@@ -39,7 +39,7 @@ contradicted or hardly measured, the last one how far the calibrated number is f
 declared one.
 """
 NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined"
-CONTRADICTED, AS_DECLARED = "contradicted", "as declared"
+CONTRADICTED, NOT_MEASURED = "contradicted", "not measured"
 ANY_SHAPE, VAGUE = "any shape", "hardly known"
 MAX_VAGUENESS = 0.05
 """The largest sigma of a focal length, relative to it, that gets no mark."""
@@ -49,7 +49,7 @@ NOTES = {
         "the pictures give another value, 3 of its sigmas away or more, which your tolerance"
         " allows."
     ),
-    AS_DECLARED: "these pictures add almost nothing to your number.",
+    NOT_MEASURED: "these pictures do not narrow your tolerance.",
     UNDETERMINED: "you gave no value, and these pictures do not determine it.",
     CONTRADICTED: "the pictures do not agree with the declared number.",
     ANY_SHAPE: "sigma is for all shapes of the cover that fit these pictures.",
@@ -60,6 +60,8 @@ HELD_AS_ASKED = "None was fitted, as you asked."
 HELD_BY_FIT = (
     "None was fitted: when they are estimated, some leave their tolerances, so your values stand."
 )
+MAX_UNMEASURED = 0.3
+"""The largest difference from the declared number, in tolerances, of one that is not measured."""
 NOTABLE_DIFFERENCE = 0.1
 """The smallest difference from the declared number that is stated, in tolerances."""
 PRINTED_COLUMNS = 4
@@ -206,13 +208,18 @@ def _row(number: Comparison) -> tuple[str, ...]:
         return number.name, number.estimated, "", VAGUE * _is_vague(number), ""
     declared = number.stated if number.source == DECLARED else f"{number.stated} (bare/)"
     is_compared = not number.held and not number.unknown
-    difference = abs(number.estimate - number.declared) / number.tolerance if is_compared else None
+    difference = _deviation(number) if is_compared else None
     is_far = difference is not None and difference >= NOTABLE_DIFFERENCE
     words = f"{difference:.1f} tolerances" if is_far else ""
     estimated = number.estimated
     if number.held:  # with the digits of the declared one
         estimated = f"{number.estimate:.6g} {number.unit}".rstrip()
     return number.name, estimated, declared, _note(number), words
+
+
+def _deviation(number: Comparison) -> float:
+    """Return how far a number is from the declared one, in tolerances."""
+    return abs(number.estimate - number.declared) / number.tolerance
 
 
 def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
@@ -234,8 +241,8 @@ def _note(number: Comparison) -> str:
         words = UNDETERMINED
     if number.contradicted:
         words = CONTRADICTED
-    if not words and number.is_uninformed:
-        words = AS_DECLARED
+    if not words and number.is_uninformed and _deviation(number) < MAX_UNMEASURED:
+        words = NOT_MEASURED
     if not words and _is_vague(number):
         words = VAGUE
     effect = f"by {number.effect}" if number.effect else ""

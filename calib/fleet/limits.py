@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 
-from calib.errors import InputError, brief
+from calib.errors import InputError, brief, meant
 from calib.session.camera import PINHOLE
 from calib.session.lens import NAMES
 from calib.session.parameter_names import CAMERA, COVER, number_of
@@ -67,8 +66,8 @@ def limit_of(name: str, ends: Mapping[str, float], where: str) -> Limit:
     """
     names = number_names()
     if name not in names and COVER.of(number_of(name)) not in names:
-        near = get_close_matches(brief(name), names, 1)
-        hint = f"did you mean {near[0]}" if near else f"write one such as {', '.join(names[:6])}"
+        near = meant(name, names)
+        hint = f"did you mean {near}" if near else f"write one such as {', '.join(names[:6])}"
         raise InputError(f"{where}: {brief(name)!r} is not a number of a camera: {hint}.")
     limit = Limit(name, ends.get("min", -math.inf), ends.get("max", math.inf))
     if limit.low > limit.high:

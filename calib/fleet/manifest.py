@@ -12,10 +12,9 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
-from difflib import get_close_matches
 from pathlib import Path
 
-from calib.errors import InputError, brief
+from calib.errors import InputError, brief, meant
 from calib.fleet.limits import ENDS, Limit, limit_of
 from calib.fleet.places import absolute, at_hand, faraway, is_remote
 from calib.io.files import MAX_TEXT_BYTES, read_file, reading
@@ -103,9 +102,9 @@ def _of_csv(path: Path, table: str, base: str) -> Iterator[Entry]:
         if name in head[:index]:
             raise InputError(f"{table}: the column {brief(name)!r} comes twice: keep one.")
         if name not in KEYS and end not in ENDS:
-            near = get_close_matches(brief(name), KEYS, 1)
+            near = meant(name, KEYS)
             hint = (
-                f"did you mean {near[0]}"
+                f"did you mean {near}"
                 if near
                 else f"write {', '.join(KEYS)}, or limits such as held_out_px.max"
             )

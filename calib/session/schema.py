@@ -6,10 +6,9 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import TypeVar
 
-from calib.errors import InputError, brief
+from calib.errors import InputError, brief, meant
 from calib.session.tolerances import WidePrior
 
 T = TypeVar("T", int, str)
@@ -146,8 +145,8 @@ class Section:
         """Raise InputError if the mapping has any other key."""
         for key in self.values:
             if key not in allowed:
-                close = get_close_matches(brief(key), allowed, n=1)
-                hint = f" (did you mean {close[0]}?)" if close else ""
+                close = meant(key, allowed)
+                hint = f" (did you mean {close}?)" if close else ""
                 raise InputError(
                     f"{self.file}: {self.key_path(brief(key))} is not a {kind}{hint}: allowed here"
                     f" are {', '.join(allowed)}."
@@ -188,12 +187,8 @@ class Section:
         for option in options:
             if type(value) is type(option) and value == option:
                 return option
-        close = (
-            get_close_matches(brief(value), [str(option) for option in options], n=1)
-            if isinstance(value, str)
-            else []
-        )
-        raise self.error(key, value, f"{close[0]}, or {expected}" if close else expected)
+        close = meant(value, [str(option) for option in options]) if isinstance(value, str) else ""
+        raise self.error(key, value, f"{close}, or {expected}" if close else expected)
 
     def read(self, quantity: Quantity) -> dict[str, Number]:
         """Return the quantity's numbers in SI units, by their names in the program."""

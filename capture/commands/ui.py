@@ -16,7 +16,9 @@ from capture.commands.screen_options import add_screen, check_screen_options, re
 if TYPE_CHECKING:
     from capture.tui.app import CaptureApp
 
-SUMMARY = "Start the terminal UI, a guide to a calibration. `capture SESSION` is short for it."
+SUMMARY = (
+    "Start the guiding screen, from the first picture to maps. `capture SESSION` is short for it."
+)
 DESCRIPTION = """
 SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
 question mark. With --serve the UI runs in a browser instead: of this machine alone, or with --host

@@ -3,12 +3,11 @@
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
 
-from calib.errors import InputError, brief
+from calib.errors import InputError, brief, meant
 from calib.session.schema import Section
 from capture.frames import FrameSource
 from capture.typed_path import expand_typed_path
@@ -181,9 +180,9 @@ def _pairs(context: str, query: str) -> dict[str, object]:
 
 
 def _unknown(context: str, name: str, text: str) -> str:
-    close = get_close_matches(name, [scheme.name for scheme in SCHEMES], n=1) if name else []
+    close = meant(name, [scheme.name for scheme in SCHEMES])
     hint = (
-        f" (did you mean {close[0]}?)"
+        f" (did you mean {close}?)"
         if close
         else " (did you mean v4l2?)"
         if text.startswith("/dev/video")

@@ -1,10 +1,9 @@
 """The texts that name the targets of a stream."""
 
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Literal
 
-from calib.errors import InputError, brief
+from calib.errors import InputError, brief, meant
 from calib.io.numerals import whole_number
 
 TargetKind = Literal["v4l2", "http", "pipe", "window"]
@@ -47,8 +46,8 @@ def parse_place(text: str) -> TargetPlace:
         return TargetPlace("window")
     if text.startswith("/dev/video"):
         return TargetPlace("v4l2", device=text)
-    close = get_close_matches(kind, ("v4l2", "http", "window"), 1)
-    hint = f" (did you mean {close[0]}?)" if close else ""
+    close = meant(kind, ("v4l2", "http", "window"))
+    hint = f" (did you mean {close}?)" if close else ""
     raise InputError(f"--to {brief(text)} names no target{hint}: write {EXAMPLES}.")
 
 

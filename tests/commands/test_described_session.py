@@ -368,9 +368,10 @@ def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
     assert first.cover.medium == Number(1.333, 0.004)
     thick = described(str(photos), "--thickness", "3")
     remark = capsys.readouterr().err
-    assert "session.yaml still holds what an earlier command said: the board, " in remark
+    assert "session.yaml still holds what an earlier command said: the board 7x6, " in remark
     assert "outside_index 1.333 ± 0.004" in remark
     assert ", the lens. An option changes it" in remark
+    assert "shape dome" in remark
     assert "thickness" not in remark
     assert thick.board == first.board
     assert thick.camera == first.camera

@@ -97,7 +97,7 @@ def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(
         stated = re.findall(r"Misfit over the image: ([\d.]+) px RMS", path.read_text())
         # three decimals are printed of the four in the file
         assert [float(n) for n in stated] == pytest.approx([float(n) for n in numbers], abs=6e-4)
-    assert "it holds at 0.2 m. At" in err
+    assert "the camera model holds at 0.2 m. At" in err
     assert "for the distortion depends on the depth: export one for each depth" in err
 
 
