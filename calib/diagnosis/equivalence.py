@@ -30,7 +30,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.fit_record.history import Family
-from calib.fitting.differing import ADVICE, Differing, evidence_scale
+from calib.fitting.differing import ADVICE, EVIDENCE_SCALE, Differing, evidence_scale
 from calib.inference.cross_validation import held_out_gain
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel, ModelFit
@@ -113,8 +113,7 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
     observations = state.problem.observations
     scale = 1.0
     if any(member.varies for member in members):
-        base = state.evaluations.refit_without(effect).joint
-        scale = evidence_scale(fits[likeliest].joint.log_marginal - base.log_marginal)
+        scale = _evidence_scale(state, effect, members[likeliest], fits[likeliest])
     scales = [scale if m.varies or members[likeliest].varies else 1.0 for m in members]
     odds = np.array(
         [
@@ -149,6 +148,16 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
             experiment = f"To find out, {ADVICE[likeliest_name]}."
     ordered = sorted(shares.items(), key=lambda item: -item[1])
     return state, name, Family(f"something about {subject}", dict(ordered), experiment)
+
+
+def _evidence_scale(state: SearchState, effect: Effect, likeliest: Effect, fit: ModelFit) -> float:
+    """Return the difference in log evidence that counts as 1 beside what differs from view to view:
+    little if a cause that all views share leaves nothing but noise.
+    """
+    if not (likeliest.varies or state.problem.has_structure(fit)):
+        return EVIDENCE_SCALE
+    base = state.evaluations.refit_without(effect).joint
+    return evidence_scale(fit.joint.log_marginal - base.log_marginal)
 
 
 def _unmodelled(state: SearchState, effect: Effect) -> dict[str, float]:
