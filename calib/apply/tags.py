@@ -87,7 +87,7 @@ class TagLocator:
             InputError: there is no such dictionary, or a size is out of range.
         """
         if not isinstance(dictionary, str) or dictionary not in DICTIONARIES:
-            near = meant(str(dictionary).upper(), DICTIONARIES)
+            near = meant(str(dictionary).upper(), tuple(DICTIONARIES))
             raise InputError(
                 f"{brief(repr(dictionary))} is no dictionary of tags: write"
                 f" {near or 'DICT_APRILTAG_36h11, say'}."

@@ -93,7 +93,7 @@ class CheckStatistics:
         """The error of a typical view, px. The test compares it with `allowed_px`, so that single
         views with large errors raise no alarm.
         """
-        return self.expected_px * self.statistic**0.5
+        return float(self.expected_px * self.statistic**0.5)
 
     def as_json(self) -> dict[str, object]:
         return {

@@ -53,6 +53,10 @@ class View:
         return int(np.count_nonzero(self.weight > 0))
 
 
+MISFIT = "px do not fit the"
+"""The words in the reason of a view that is not used because its error is too large."""
+
+
 @dataclass(frozen=True, slots=True)
 class RejectedPicture:
     """A picture that is not used, and the reason. It is always listed, never dropped silently."""

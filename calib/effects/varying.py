@@ -52,6 +52,12 @@ VARYING_NUMBERS: Mapping[str, str] = {
 """Plain words for the numbers, by the name of the effect."""
 FOCAL_LENGTH = "focal"
 """The number that stands for fx and fy, by the same fraction."""
+MIN_TURNED_PX = 2.0
+"""px: the smallest change of a principal point that may be a half turn of the pictures."""
+MIRRORED = 0.1
+"""Two principal points mirror each other if their mean is this near the middle of the picture, in
+halves of their distance.
+"""
 RADIAL_CHANGE = "lens.k1"
 """The number that stands for a change of the lens's distortion: it moves pixels in front of the
 stated lens, as the effect `lens` does.
@@ -105,6 +111,22 @@ class Varying(Effect):
     def settled(self) -> bool:
         """True if the numbers are those after a change, False if they are those of the mean."""
         return max(self.pattern) <= 0 or min(self.pattern) >= 0
+
+    def is_half_turn(self, values: Values, width: int, height: int) -> bool:
+        """Return True if a principal point changes to where a half turn of the pictures puts it.
+
+        Args:
+            width, height: px, of the pictures.
+        """
+        if self.numbers != CAMERA.centre or self.varies not in (FROM_VIEW, ALTERNATING):
+            return False
+        centre = torch.stack([values[name].reshape(()) for name in CAMERA.centre])
+        change = torch.stack([values[param.name].reshape(()) for param in self.params])
+        low, high = min(self.pattern), max(self.pattern)
+        size = float(change.norm()) * (high - low)
+        middle = torch.tensor([width - 1, height - 1], dtype=centre.dtype) / 2
+        away = 2 * (centre - middle) + change * (low + high)
+        return size > MIN_TURNED_PX and float(away.abs().max()) < MIRRORED * size
 
     @property
     def effect_parameters(self) -> tuple[EffectParameter, ...]:

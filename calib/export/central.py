@@ -146,9 +146,9 @@ class CentralModel:
         )
         if worst.drift_px > MISFIT_LIMIT:
             yield (
-                f"the camera model holds at {fitted.depth:g} m. At {worst.depth:g} m its error changes by up to"
-                f" {worst.drift_px:.2f} px, for the distortion depends on the depth: export one"
-                " for each depth that you use."
+                f"the camera model holds at {fitted.depth:g} m. At {worst.depth:g} m its error"
+                f" changes by up to {worst.drift_px:.2f} px, for the distortion depends on the"
+                " depth: export one for each depth that you use."
             )
 
     def _limit_sentences(self) -> Iterator[str]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.calibration import Calibration
 from calib.calibration_content import Declared
-from calib.corners.view import RejectedPicture, View, pose_labels
+from calib.corners.view import MISFIT, RejectedPicture, View, pose_labels
 from calib.errors import NotEnoughDataError, wrong_type
 from calib.estimation.noise import corner_noise
 from calib.estimation.observations import Observations
@@ -193,6 +193,8 @@ def fit(
         else:
             resolved = resolve_prior_conflict(fitted, setup, nominal, views, settings, progress)
     fitted, setup = resolved.fitted, resolved.setup
+    misfits = [picture.name for picture in rejected if MISFIT in picture.reason]
+    pictures = [*(view.name for view in views), *misfits]
     joint = fitted.joint
     uncertainty: Uncertainty | None = None
     if joint and fitted.model:
@@ -235,7 +237,7 @@ def fit(
             lens_held_out_px=start.lens_held_out_px,
             turned_boards=turned or None,
             half_turned_boards=half_turned or None,
-            mixed_settings=describe_mixed_settings(session, views),
+            mixed_settings=describe_mixed_settings(session, pictures),
             redetections=redetections,
             view_noise=noise_ratios,
             cross_validation=validation,
@@ -269,7 +271,7 @@ def _without_outliers(
     outlying = outlier_mask(errors)
     reasons = (
         (
-            f"its {error:.2g} px do not fit the {np.nanmedian(errors):.2g} px of the other views"
+            f"its {error:.2g} {MISFIT} {np.nanmedian(errors):.2g} px of the other views"
             if np.isfinite(error)
             else "no board pose explains its corners"
         )

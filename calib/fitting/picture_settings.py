@@ -5,7 +5,6 @@ zooms, a focus that moved.
 from collections.abc import Sequence
 from pathlib import Path
 
-from calib.corners.view import View
 from calib.io.camera_names import describe_cameras, find_cameras
 from calib.io.exif import camera_settings, describe_differences
 from calib.io.files import read_file
@@ -19,11 +18,11 @@ DIGITS = 3
 """Digits to which a recorded position is compared: cameras round the requested values."""
 
 
-def describe_mixed_settings(session: Session, views: Sequence[View]) -> tuple[str, ...]:
-    """Return a sentence for each difference of the pictures of these views, by their names, their
-    EXIF and frames.csv.
+def describe_mixed_settings(session: Session, pictures: Sequence[str]) -> tuple[str, ...]:
+    """Return a sentence for each difference of these pictures, by their names, their EXIF and
+    frames.csv.
     """
-    names = [Path(view.name).name for view in views]
+    names = [Path(picture).name for picture in pictures]
     sentences: list[str] = []
     if cameras := find_cameras(names):
         sentences.append(f"{describe_cameras(cameras)}: keep those of one in the session.")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.corners.pose_requirements import split_usable_views
-from calib.corners.view import RejectedPicture, View, pose_labels
+from calib.corners.view import MISFIT, RejectedPicture, View, pose_labels
 from calib.errors import NotEnoughDataError
 from calib.estimation.robust import outlier_mask
 from calib.intrinsics.advice import NO_FIT, TILT
@@ -71,7 +71,7 @@ def calibrate_bare(
             RejectedPicture(
                 view.name,
                 (
-                    f"its {error:.2g} px do not fit the {np.nanmedian(solved.per_view):.2g} px of"
+                    f"its {error:.2g} {MISFIT} {np.nanmedian(solved.per_view):.2g} px of"
                     " the other views"
                     if np.isfinite(error)
                     else "the lens that the other views show does not see its corners"

@@ -22,6 +22,21 @@ BUMP = (
     " the glass, and record again."
 )
 
+HALF_TURN = (
+    "the two principal points mirror each other in the middle of the picture: some pictures may be"
+    " turned by 180 degrees. Turn them back, and fit again."
+)
+
+
+def settled_notes(calibration: Calibration) -> Iterator[str]:
+    """Yield a note on numbers that are those at the end of the session."""
+    for added in calibration.effects:
+        if isinstance(added.effect, Varying) and added.effect.settled:
+            yield (
+                f"the maps are of {VARYING_NUMBERS[added.effect.name]} at the end of the session:"
+                " do not use them for pictures before the change."
+            )
+
 
 def differing_views(case: Case) -> Iterator[Reason]:
     """Name what differs from view to view beside everything that all views share. An effect that
@@ -35,6 +50,10 @@ def differing_views(case: Case) -> Iterator[Reason]:
             numbers, manner = VARYING_NUMBERS[effect.name], MANNERS[effect.varies]
             sentence = f"{numbers} {manner}, and the maps are of the mean: {ADVICE[effect.name]}."
             yield Reason(sentence, case.next.capture(), (effect.name,))
+        if isinstance(effect, Varying):
+            camera = case.calibration.camera
+            if effect.is_half_turn(case.calibration.model()[1], camera.width, camera.height):
+                yield Reason(HALF_TURN, case.next.fit(), (effect.name,))
     diagnosed = case.calibration.history.diagnosis is not None
     window_possible = not diagnosed and not case.calibration.model()[0].cover
     if not case.at_optimum or (window_possible and beyond_noise(case)):

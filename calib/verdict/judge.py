@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +25,11 @@ from calib.verdict.cover_stage import cover_stage, worse_than_none
 from calib.verdict.coverage import coverage
 from calib.verdict.declared_numbers import declared_numbers
 from calib.verdict.depths import one_depth, requested_depths
-from calib.verdict.differing_views import differing_views
+from calib.verdict.differing_views import differing_views, settled_notes
 from calib.verdict.fleet_prior import fleet_prior
 from calib.verdict.held_out import held_out, overfits
 from calib.verdict.medium import medium, undecided_medium
-from calib.verdict.mixed_settings import mixed_settings
+from calib.verdict.mixed_settings import misfits, mixed_settings
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.orientation import orientation
 from calib.verdict.other_medium import other_medium
@@ -51,6 +52,7 @@ CHECKS: tuple[Check, ...] = (
     unseen_row,
     extra_rows,
     mixed_settings,
+    misfits,
     bare_pictures,
     orientation,
     medium,
@@ -115,10 +117,13 @@ def judge(
             )
         reasons = _reasons(case)
         proof = (commands.evaluate(), *([commands.diagnose()] if commands.diagnosable else []))
+        settled = tuple(settled_notes(calibration))
+        if settled:  # the maps are wrong for a part of the session's pictures
+            commands = replace(commands, pictures=None)
         uses = commands.uses(case.main_depth, mapped=case.main_depth in case.depths)
         diagnosis = calibration.history.diagnosis
         families = [family.note for family in diagnosis.families] if diagnosis else []
-        notes = (*families, *undecided_medium(case))
+        notes = (*families, *settled, *undecided_medium(case))
         return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses), notes)
 
 
