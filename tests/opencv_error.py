@@ -1,6 +1,12 @@
 """The error that OpenCV leaves on the views of a calibration, and nearer than them, for a
-comparison without a cover.
+comparison without a cover. `python -m tests.opencv_error` prints it for `calib demo`.
 """
+
+import json
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -8,6 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
+from calib.cli import main as calib
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from fixtures.rays import FIXTURES
@@ -25,6 +32,27 @@ MARGIN = 10.0
 """px: the distance of a corner from the border of the picture."""
 
 Array = NDArray[np.float64]
+
+
+def main() -> None:
+    with TemporaryDirectory() as folder:
+        demo = Path(folder) / "demo"
+        with redirect_stdout(StringIO()) as output:
+            calib(["demo", "-o", str(demo), "--json"])
+        calibration = Calibration.load(demo / "calibration")
+    fit_error = json.loads(output.getvalue())["stages"][-1]["rms_px"]
+    names = [*(f"OpenCV, {count} coefficients" for count in FLAGS), "Refracal"]
+    fitted = [*(opencv_error(calibration, count) for count in FLAGS), fit_error]
+    nearby = [opencv_error_nearby(calibration, count) for count in FLAGS]
+    nearby.append(demo_error_nearby(calibration))
+    print("Error of each program, root mean square")
+    for place, errors in (
+        ("on the fitted pictures", fitted),
+        (f"at {NEAR[0]:g} to {NEAR[1]:g} m", nearby),
+    ):
+        rows = zip(names, errors, strict=True)
+        print(f"{place}: " + "; ".join(f"{name} {error:.3f} px" for name, error in rows))
+    print(f"noise of the corners: {calibration.noise_px:.3f} px")
 
 
 def opencv_error(calibration: Calibration, coefficients: int) -> float:
@@ -92,3 +120,7 @@ def _calibrate(calibration: Calibration, coefficients: int) -> tuple[float, Arra
 
 def _points(calibration: Calibration) -> Array:
     return np.column_stack([calibration.board.points(), np.zeros(calibration.board.count)])
+
+
+if __name__ == "__main__":
+    main()

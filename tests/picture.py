@@ -1,5 +1,6 @@
-"""The README's picture: a wall under water, bent and straight, the screen that guides, and how the
-error falls, beside OpenCV's; and the pictures of docs/tutorial.md. `python -m tests.picture`.
+"""The README's picture: a wall under water, bent and straight, the screen that guides, and the
+error that is left, beside OpenCV's; the start page's picture for phones, which has no screen; and
+the pictures of docs/tutorial.md. `python -m tests.picture`.
 
 All figures in it are those of `calib demo`, and are printed. The screen is that of `capture` on the
 same camera, once the guide has computed how sure the maps are.
@@ -9,6 +10,7 @@ import asyncio
 import json
 import shutil
 from contextlib import chdir, redirect_stdout
+from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,7 +24,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from calib.calibration import Calibration
-from calib.calibration_content import TITLES
 from calib.cli import main as calib
 from fixtures.wall import bend_of_joint
 from tests.capture.tui.driving import running, see, shown, until
@@ -32,16 +33,22 @@ from tests.opencv_error import NEAR, demo_error_nearby, opencv_error, opencv_err
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 OUTPUT = Path("docs/picture.png")
+PHONE = Path("docs/picture-phone.png")
 TUTORIAL = Path("docs/tutorial")
 BOARD_SCALE = 1.3
 """px for each point of the sheet, 1/72 inch."""
 DEMO = Path("calib/demo").resolve()
 WIDTH_PX = 1920
 """Twice the width at which pages show it."""
+PHONE_WIDTH_PX = 740
+"""Twice the width at which phones show it."""
+PHONE_WIDTH_INCHES = 370 / 72
+"""The same width with an inch for 72 px of the page: a point of type is a pixel."""
 COLOURS = 256
-RECORDED, SEEN = 4, 9
+RECORDED, SEEN = 3, 9
 """The views of the session on the screen, and the view that its camera shows."""
 SCREEN = (96, 28)
 PLAYED_S = 0.25
@@ -49,10 +56,25 @@ PLAYED_S = 0.25
 PLAYED = 480
 INK, FAINT = "#1e293b", "#64748b"
 COLOURS_OF_BARS = ("#b0543a", "#3f7d58")
+PROGRAM = "Refracal"
 HEADING = 0.7
 """The space for the heading of the nearer boards, in bars."""
+ROOM = 1.36
+"""The width of the chart, in lengths of the longest bar: its label stands behind it."""
 COEFFICIENTS = 14
 """Coefficients of the lens of OpenCV that is compared: all that it has."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """The root mean square errors in px of the programs by name."""
+
+    fitted: list[tuple[str, float]]
+    """On the pictures that were fitted."""
+    nearby: list[tuple[str, float]]
+    """At NEAR."""
+    noise: float
+    """px, of the corners in the fitted pictures."""
 
 
 def main() -> None:
@@ -62,20 +84,41 @@ def main() -> None:
             calib(["demo", "-o", str(demo), "--json"])
         result = json.loads(output.getvalue())
         before, after = demo / "wall.jpg", demo / "straight" / "wall.jpg"
-        errors = [(TITLES[stage["name"]], stage["rms_px"]) for stage in result["stages"]]
         calibration = Calibration.load(demo / "calibration")
+        assert calibration.noise_px is not None
         opencv = f"OpenCV, {COEFFICIENTS} coefficients"
-        errors = [(opencv, opencv_error(calibration, COEFFICIENTS)), errors[-1]]
-        nearby = [
-            (opencv, opencv_error_nearby(calibration, COEFFICIENTS)),
-            (errors[-1][0], demo_error_nearby(calibration)),
-        ]
+        errors = Errors(
+            fitted=[
+                (opencv, opencv_error(calibration, COEFFICIENTS)),
+                (PROGRAM, result["stages"][-1]["rms_px"]),
+            ],
+            nearby=[
+                (opencv, opencv_error_nearby(calibration, COEFFICIENTS)),
+                (PROGRAM, demo_error_nearby(calibration)),
+            ],
+            noise=calibration.noise_px,
+        )
         bends = bend_of_joint(before), bend_of_joint(after)
         shutil.copy(after, TUTORIAL / "straight.jpg")
         pictures = [cv2.imread(str(path))[..., ::-1] for path in (before, after)]  # type: ignore[index]
     screen = guiding_screen()
     for image, name in ((screen, "screen.png"), (printed_board(), "board.png")):
         image.quantize(COLOURS, dither=Image.Dither.NONE).save(TUTORIAL / name, optimize=True)
+    draw_picture(pictures, bends, screen, errors)
+    draw_phone_picture(pictures, bends, errors)
+    print(
+        *(f"{name}: {error:.3f} px" for name, error in (*errors.fitted, *errors.nearby)),
+        f"noise {errors.noise:.3f} px",
+        f"bend {bends[0]:.1f} px, left {bends[1]:.2f} px",
+        *(f"{path}: {path.stat().st_size / 1e3:.0f} kB" for path in (OUTPUT, PHONE)),
+        sep="; ",
+    )
+
+
+def draw_picture(
+    pictures: list[NDArray[Any]], bends: tuple[float, float], screen: Image.Image, errors: Errors
+) -> None:
+    """Draw the four panels of OUTPUT."""
     figure, panels = plt.subplots(
         2,
         2,
@@ -86,16 +129,28 @@ def main() -> None:
     _show(panels[0, 0], pictures[0], f"Through the window: lines bend by {bends[0]:.0f} px")
     _show(panels[0, 1], pictures[1], f"Undistorted: straight to {bends[1]:.2f} px")
     _show(panels[1, 0], np.asarray(screen), "The screen shows where to hold the board")
-    _bars(panels[1, 1], errors, nearby)
-    figure.savefig(OUTPUT, dpi=WIDTH_PX / 10.5, facecolor="white")
-    with Image.open(OUTPUT) as image:
-        image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(OUTPUT, optimize=True)
-    print(
-        *(f"{name}: {error:.3f} px" for name, error in (*errors, *nearby)),
-        f"bend {bends[0]:.1f} px, left {bends[1]:.2f} px",
-        f"{OUTPUT.stat().st_size / 1e3:.0f} kB",
-        sep="; ",
-    )
+    _bars(panels[1, 1], errors)
+    panels[1, 1].set_box_aspect(0.583)
+    _save(figure, OUTPUT, WIDTH_PX)
+
+
+def draw_phone_picture(
+    pictures: list[NDArray[Any]], bends: tuple[float, float], errors: Errors
+) -> None:
+    """Draw the wall twice, and the errors below, for the width of a phone."""
+    figure = plt.figure(figsize=(PHONE_WIDTH_INCHES, PHONE_WIDTH_INCHES))
+    wall = figure.add_gridspec(1, 2, left=0, right=1, top=0.935, bottom=0.565, wspace=0.03)
+    _show(figure.add_subplot(wall[0]), pictures[0], f"Bent by {bends[0]:.0f} px")
+    _show(figure.add_subplot(wall[1]), pictures[1], f"Straight to {bends[1]:.2f} px")
+    _bars(figure.add_axes((0.005, 0.005, 0.99, 0.48)), errors)
+    _save(figure, PHONE, PHONE_WIDTH_PX)
+
+
+def _save(figure: Figure, path: Path, width: int) -> None:
+    """Write a figure as a small PNG, `width` px wide."""
+    figure.savefig(path, dpi=width / figure.get_size_inches()[0], facecolor="white")
+    with Image.open(path) as image:
+        image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def printed_board() -> Image.Image:
@@ -146,27 +201,31 @@ def _show(panel: Axes, picture: NDArray[Any], title: str) -> None:
     panel.set_axis_off()
 
 
-def _bars(panel: Axes, errors: list[tuple[str, float]], nearby: list[tuple[str, float]]) -> None:
+def _bars(panel: Axes, errors: Errors) -> None:
     """Draw the errors where the boards were, and below them those of nearer boards."""
-    rows = (*errors, *nearby)
-    places = [len(rows) + HEADING - i - HEADING * (i >= len(errors)) for i in range(len(rows))]
+    rows = (*errors.fitted, *errors.nearby)
+    count = len(errors.fitted)
+    places = [len(rows) + HEADING - i - HEADING * (i >= count) for i in range(len(rows))]
     sizes = [error for _, error in rows]
     longest = max(sizes)
     bars = panel.barh(places, sizes, color=2 * COLOURS_OF_BARS, height=0.3)
-    panel.bar_label(bars, [f" {error:.3f} px" for error in sizes], fontsize=13, color=INK)
+    labels = [f" {error:.3f} px" for error in sizes]
+    labels[count - 1] += f" (noise of the corners: {errors.noise:.3f})"
+    panel.bar_label(bars, labels, fontsize=13, color=INK)
     for place, (name, _) in zip(places, rows, strict=True):
         panel.text(0.01 * longest, place + 0.2, name, fontsize=11, va="bottom", color=FAINT)
-    top = places[len(errors)] + 0.62
-    near = f"Error left nearer, at {NEAR[0]:g} to {NEAR[1]:g} m"
+    top = places[count] + 0.62
+    near = f"Error nearer than the boards ({NEAR[0]:g} to {NEAR[1]:g} m)"
     panel.text(0.01 * longest, top, near, fontsize=13, va="bottom", color=INK)
     panel.set(
-        xlim=(0, 1.36 * longest),
+        xlim=(0, ROOM * longest),
         ylim=(places[-1] - 0.35, places[0] + 0.7),
         xticks=[],
         yticks=[],
-        box_aspect=0.583,
     )
-    panel.set_title("Error left where the boards were", fontsize=13, color=INK, pad=5)
+    panel.set_title(
+        "Error where the boards were", fontsize=13, color=INK, pad=5, loc="left", x=0.01 / ROOM
+    )
     panel.spines[["top", "right", "bottom"]].set_visible(False)
     panel.spines["left"].set_color(FAINT)
 

@@ -120,7 +120,16 @@ def test_the_lenses_of_opencv_leave_what_the_readme_says(world: Path) -> None:
         quoted = re.search(rf"([\d.]+) px with {count}\b", words)
         assert quoted
         assert float(quoted[1]) == pytest.approx(opencv_error(calibration, count), abs=1e-3)
-    nearby = re.search(r"nearer, OpenCV ([\d.]+), fitted cover ([\d.]+)\.", words)
+    nearby = re.search(r"nearer, OpenCV ([\d.]+), Refracal ([\d.]+)\.", words)
     assert nearby
     assert float(nearby[1]) == pytest.approx(opencv_error_nearby(calibration, 14), abs=0.02)
     assert float(nearby[2]) == pytest.approx(demo_error_nearby(calibration), abs=2e-3)
+    peers = (ROOT / "docs" / "peers.md").read_text(encoding="utf-8")
+    section = peers.partition("## OpenCV on the demo's pictures")[2].partition("\n## ")[0]
+    for count in FLAGS:
+        row = re.search(rf"OpenCV, {count} coefficients \| ([\d.]+) \| ([\d.]+)", section)
+        assert row
+        assert float(row[1]) == pytest.approx(opencv_error(calibration, count), abs=1e-3)
+        assert float(row[2]) == pytest.approx(opencv_error_nearby(calibration, count), abs=0.02)
+    assert f"Refracal | 0.014 | {nearby[2]} |" in section
+    assert f"noise | {calibration.noise_px:.3f} |" in section

@@ -131,6 +131,25 @@ def test_the_start_page_has_the_command_of_the_readme() -> None:
     assert command[1] in start
 
 
+def test_the_pictures_of_the_start_page_are_there() -> None:
+    """It has one for phones, in HTML, which no other test of links reads; the figures of their
+    alternative text are those of the README.
+    """
+    start = (DOCS / "index.md").read_text(encoding="utf-8")
+    pictures = re.findall(r'(?:src|srcset)="([^"]+)" width="(\d+)" height="(\d+)"', start)
+    assert [name for name, _, _ in pictures] == ["picture-phone.png", "picture.png"]
+    for name, width, height in pictures:
+        with Image.open(DOCS / name) as image:
+            assert image.size == (int(width), int(height))
+    figures = re.compile(
+        r"OpenCV ([\d.]+), Refracal ([\d.]+); nearer(?:, OpenCV| than the boards) ([\d.]+)"
+        r"(?:, Refracal| and) ([\d.]+)\."
+    )
+    assert figures.findall(start) == figures.findall(
+        (ROOT / "README.md").read_text(encoding="utf-8")
+    )
+
+
 def test_a_broken_link_is_found(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(
