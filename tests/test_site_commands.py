@@ -33,6 +33,8 @@ from tests.site_commands import ROOT, Typed, commands, mentioned
 ALL = tuple(dict.fromkeys(commands()))
 RUN = [typed for typed in ALL if typed.kind == "run"]
 FIXTURE = ROOT / "fixtures" / "bumps"
+CAPTURE_COMMANDS = {"record", "sources"}
+"""The commands of `capture` besides the screen, which needs no word."""
 MADE = {"NEW", "DIR", "STRAIGHT", "FLEET", "out", "out-two"}
 """The folders that a command makes; they do not exist before."""
 
@@ -56,9 +58,8 @@ def test_each_command_line_is_accepted_by_its_parser(typed: Typed) -> None:
     if typed.program == "calib" and "--print-completion" not in words:
         _parser("calib", "", cli.COMMANDS, cli.GROUPS).parse_args(words[1:])
     elif typed.program == "capture" and "--print-completion" not in words:
-        names = {"record", "sources"}
         _parser("capture", "", capture_cli.COMMANDS).parse_args(
-            words[1:] if words[1] in names else ["ui", *words[1:]]
+            words[1:] if words[1] in CAPTURE_COMMANDS else ["ui", *words[1:]]
         )
     elif typed.kind == "parsed":
         assert find_spec(words[words.index("-m") + 1]), "the module is there"
@@ -86,11 +87,12 @@ def test_the_tables_of_the_readme_have_whole_commands(
     for line in readme:
         if "..." in line or " " not in line:
             continue
-        program, *words = line.replace("BOARD", "--board 9x6 --square-mm 25").split()
+        program, *words = shlex.split(line.replace("BOARD", "--board 9x6 --square-mm 25"))
         if program == "calib":
             _parser("calib", "", cli.COMMANDS, cli.GROUPS).parse_args(words)
         else:
-            _parser("capture", "", capture_cli.COMMANDS).parse_args(["ui", *words])
+            screen = [] if words[0] in CAPTURE_COMMANDS else ["ui"]
+            _parser("capture", "", capture_cli.COMMANDS).parse_args([*screen, *words])
 
 
 def options_of(parser: argparse.ArgumentParser) -> dict[str, set[str]]:
