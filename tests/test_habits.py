@@ -46,6 +46,7 @@ def test_the_top_level_has_the_agreed_files_only() -> None:
         "docs",
         "README.md",
         "CONTRIBUTING.md",
+        "CITATION.cff",
     }
     names = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")} - left_by_builds
     assert names == agreed | {"CHANGELOG.md", "LICENSE"}

@@ -7,6 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+import yaml
 
 from calib.version import VERSION
 
@@ -34,3 +35,8 @@ def test_a_checkout_that_is_not_installed_gives_its_version(program: str, tmp_pa
 
 def test_the_version_is_that_of_the_installed_package() -> None:
     assert version("refracal") == VERSION
+
+
+def test_the_citation_names_the_version() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == VERSION
