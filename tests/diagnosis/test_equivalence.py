@@ -16,6 +16,8 @@ from calib.diagnosis.search_state import SearchState
 from calib.effects.board_shape import BoardShape
 from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.flat_port import FlatPort
+from calib.effects.rolling_shutter import RollingShutter
+from calib.fitting.differing import EVIDENCE_SCALE
 from calib.progress import Silent
 from tests.diagnosis.hide import fitted, hidden, without_cover
 
@@ -92,6 +94,39 @@ def test_prior_odds_order_a_family_and_name_no_member_alone(
     assert (family and tuple(family.members.values())) == (
         chances and pytest.approx(chances, abs=1e-3)
     )
+
+
+@pytest.mark.parametrize(("structured", "scale"), [(True, 500.0), (False, EVIDENCE_SCALE)])
+def test_a_shared_cause_that_leaves_noise_is_compared_as_it_is(
+    monkeypatch: pytest.MonkeyPatch, structured: bool, scale: float
+) -> None:
+    """A window in water raised the log evidence by 55,000, the motion of every view by 49,000: a
+    tenth of the gain counted as 1, and windows are rare, so the motion was named.
+    """
+    motion, window = RollingShutter(), FlatPort("water")
+    fits = {
+        name: SimpleNamespace(joint=SimpleNamespace(log_marginal=value))
+        for name, value in (("base", 0.0), ("motion", 4400.0), ("window", 5000.0))
+    }
+    rival = SimpleNamespace(test=SimpleNamespace(effect=window), base=None, fit=fits["window"])
+    scales: list[float] = []
+
+    def odds(fit: object, best: object, _: object, scale: float) -> float:
+        scales.append(scale)
+        return 1.0 if fit is best else 0.0
+
+    monkeypatch.setattr(equivalence, "_rivals", lambda *_: [rival])
+    monkeypatch.setattr(equivalence, "_unmodelled", lambda *_: {})
+    monkeypatch.setattr(equivalence, "_odds", odds)
+    monkeypatch.setattr(equivalence, "_replace_effect", lambda state, _: state)
+    state = SimpleNamespace(
+        fit=fits["motion"],
+        evaluations=SimpleNamespace(refit_without=lambda _: fits["base"]),
+        problem=SimpleNamespace(observations=None, has_structure=lambda _: structured),
+    )
+    _, name, family = equivalence._compare(cast(SearchState, state), motion)
+    assert (name, family) == ("flat_port", None)
+    assert scales == [scale, 1.0]
 
 
 @pytest.mark.slow

@@ -31,6 +31,7 @@ from calib.optics.build import pinhole_path
 from calib.optics.exposure import MIDDLE
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
+from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
 from tests.effects.forms import LENS
@@ -164,6 +165,23 @@ def test_focal_is_a_camera_with_longer_ones() -> None:
         ).max()
         < 1e-15
     )
+
+
+@pytest.mark.parametrize(
+    ("change", "turned"),
+    [((10.0, 8.0), True), ((10.0, -8.0), False), ((13.0, 8.0), False), ((1.0, 0.8), False)],
+)
+def test_a_half_turn_mirrors_the_principal_point(change: tuple[float, float], turned: bool) -> None:
+    """The middle of 640x480 px is at (319.5, 239.5), and the later pictures have their principal
+    point at (314.5, 235.5): so earlier ones that are turned have it at (324.5, 243.5).
+    """
+    effect = Varying("principal_point", FROM_VIEW, CAMERA.centre, (1.0, 1.0, 0.0))
+    places = dict(zip(CAMERA.centre, (314.5, 235.5), strict=True))
+    changes = dict(zip((param.name for param in effect.params), change, strict=True))
+    values = {name: torch.tensor(value) for name, value in (places | changes).items()}
+    assert effect.is_half_turn(values, 640, 480) == turned
+    whole = Varying("principal_point", WITH_TIME, CAMERA.centre, (1.0, 0.5, 0.0))
+    assert not whole.is_half_turn(values, 640, 480)
 
 
 @pytest.mark.parametrize(

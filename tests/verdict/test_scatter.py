@@ -8,7 +8,9 @@ import pytest
 
 from calib.calibration import Calibration
 from calib.commands.console import print_fit
+from calib.corners.view import MISFIT, RejectedPicture
 from calib.fit_record.outcome import Uncertainty
+from calib.verdict.mixed_settings import misfits
 from calib.verdict.scatter import scatter
 from calib.verdict.thresholds import SCATTER
 from tests.verdict.cases import asked
@@ -31,6 +33,18 @@ def test_each_scatter_is_said_for_what_it_is(good: Calibration) -> None:
     assert views.next.startswith("calib diagnose")
     (corners,) = asked(scatter, with_scatter(good, 1.0, 2.5))
     assert "corners of the board scatter 2.5 times" in corners.sentence
+
+
+def test_many_views_that_do_not_fit_are_a_reason(good: Calibration) -> None:
+    """Unless the pictures' files say what differs."""
+    unlike = [RejectedPicture(f"{i}.png", f"its 9 {MISFIT} 0.1 px of the others") for i in range(9)]
+    (reason,) = asked(misfits, replace(good, rejected=tuple(unlike)))
+    assert reason.sentence.startswith(f"9 of {len(good.views) + 9} views do not fit the others")
+    assert not asked(misfits, replace(good, rejected=tuple(unlike[:2])))
+    boards = tuple(RejectedPicture(view.name, "no board was found") for view in unlike)
+    assert not asked(misfits, replace(good, rejected=boards))
+    told = replace(good, outcome=replace(good.outcome, mixed_settings=("two zooms",)))
+    assert not asked(misfits, replace(told, rejected=tuple(unlike)))
 
 
 def test_the_fit_says_which_view_decides(
