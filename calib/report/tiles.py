@@ -64,7 +64,7 @@ def _maps(evidence: Evidence) -> Iterator[Tile]:
     depth = evidence.depths[len(evidence.depths) // 2]
     sigma = map_sigmas(evidence.calibration, [depth])[depth]
     worst = evidence.worst_sigma([depth])
-    yield Tile(f"sigma of the map at {depth:g} m", f"{sigma:.2g} px", f"at most {worst}")
+    yield Tile(f"expected error of the map at {depth:g} m", f"{sigma:.2g} px", f"at most {worst}")
 
 
 def _scale(evidence: Evidence) -> Iterator[Tile]:

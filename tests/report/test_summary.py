@@ -83,7 +83,7 @@ def test_the_tiles_are_the_numbers_of_the_paragraph(reported: Reported) -> None:
         "error on held-out views",
         f"{validation.held_out_px:.3f} px",
     )
-    assert maps.label == f"sigma of the map at {evidence.depths[1]:g} m"
+    assert maps.label == f"expected error of the map at {evidence.depths[1]:g} m"
     assert f"{maps.value} at {evidence.depths[1]:g} m" in summarise(evidence).sentences[-1]
     assert coverage.value == f"{100 * evidence.covered:.0f} %"
     intrinsics = reported.calibration.camera.intrinsics

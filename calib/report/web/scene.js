@@ -3,6 +3,7 @@
 const BOARD_OPACITY = 0.3, POINTED_OPACITY = 0.8, OTHER_OPACITY = 0.1; // of faces: boards behind a board show through it
 const SIGHT_COLOUR = "--series-2"; // of the border of what a camera sees
 const NAME_LETTER = 8, NAME_HEIGHT = 16, NAME_GAP = 8; // px of a camera's name
+const TICK_STEPS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50], MAX_TICKS = 6, TICK_PART = 0.08; // m; of the optical axis
 const THREE_WORDS = "This browser draws no 3D (it has no WebGL).";
 
 function drawScene(host, packed) {
@@ -36,6 +37,9 @@ function drawScene(host, packed) {
     lines.push(...addCamera(three, frame, other, colour));
     names.push(addName(box, other.name, frame));
   }
+  const ruler = addRuler(three, box, world, packed.reach[1], colour);
+  lines.push(ruler.line);
+  names.push(...ruler.names);
   const rays = new three.LineSegments(new three.BufferGeometry(), new three.LineBasicMaterial({color: new three.Color(ORANGE)}));
   world.add(rays);
 
@@ -79,7 +83,8 @@ function drawScene(host, packed) {
     render();
   }).observe(box);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-    for (const line of [...lines, ...boards.flatMap(board => board.children)]) line.material.color = colour(line.userData.colour);
+    const inked = boards.flatMap(board => board.children).filter(line => line.userData.colour);
+    for (const line of [...lines, ...inked]) line.material.color = colour(line.userData.colour);
     render();
   });
 
@@ -116,7 +121,7 @@ function drawScene(host, packed) {
   });
   goTo(places.whole);
   addLegend(host, packed);
-  addColourKey(host, `board with ${digits(packed.errors[0], 2)} px`, `${digits(packed.errors[1], 2)} px or more`, `${errorColour(0)}, ${errorColour(0.5)}`, errorColour(1));
+  addColourKey(host, `error of a board: ${digits(packed.errors[0], 2)} px`, `${digits(packed.errors[1], 2)} px or more`, `${errorColour(0)}, ${errorColour(0.5)}`, errorColour(1));
   box.camera = camera; // for whoever looks at the page with a program
 }
 
@@ -148,7 +153,8 @@ function addBoards(three, world, packed, colour) {
       for (let first = 0; first < count; first += columns) grid.push(corners[first], corners[first + columns - 1]);
       for (let first = 0; first < columns; first += 1) grid.push(corners[first], corners[count - columns + first]);
     }
-    board.add(lineSegments(three, ring(outline), colour, "--ink", 0.6), lineSegments(three, grid, colour, "--ink", 0.15));
+    const border = lineSegments(three, ring(outline), () => board.material.color.clone(), "", 1);
+    board.add(border, lineSegments(three, grid, colour, "--ink", 0.15));
     world.add(board);
     return board;
   });
@@ -193,6 +199,21 @@ function addCamera(three, world, packed, colour) {
   return [field, lens];
 }
 
+/** Add the optical axis with a tick and a distance every few centimetres, as far as the boards are, and return its lines and its names. */
+function addRuler(three, box, world, far, colour) {
+  const step = TICK_STEPS.find(length => far / length <= MAX_TICKS) ?? far, points = [[0, 0, 0], [0, 0, far]], names = [];
+  for (let count = 1; count * step <= far; count += 1) {
+    const depth = count * step, half = step * TICK_PART, tick = new three.Object3D();
+    points.push([-half, 0, depth], [half, 0, depth]);
+    tick.position.set(0, 0, depth);
+    world.add(tick);
+    names.push(addName(box, `${digits(depth, 2)} m`, tick));
+  }
+  const line = lineSegments(three, points, colour, "--ink", 0.5);
+  world.add(line);
+  return {line, names};
+}
+
 /** Return the ends of the lines from each point to the next one, and from the last to the first. */
 function ring(points) {
   return points.flatMap((point, place) => [point, points[(place + 1) % points.length]]);
@@ -234,7 +255,7 @@ function placeNames(three, box, names, camera) {
 /** Add what the lines and faces of the scene are. */
 function addLegend(host, packed) {
   const legend = element("p", "key legend"), rays = numbers(packed.rayView).length > 0;
-  const entries = [[`var(${SIGHT_COLOUR})`, "line", "border of what the camera sees"]];
+  const entries = [[`var(${SIGHT_COLOUR})`, "line", "border of what the camera sees"], ["var(--ink)", "line", "optical axis, with the distance from the lens"]];
   if (packed.surfaces.length) entries.push([BLUE, "face", "cover"]);
   if (rays) entries.push([ORANGE, "line", "rays to the board that you point at"]);
   for (const [colour, kind, text] of entries) {
