@@ -37,6 +37,8 @@ CAPTURE_COMMANDS = {"record", "sources"}
 """The commands of `capture` besides the screen, which needs no word."""
 MADE = {"NEW", "DIR", "STRAIGHT", "FLEET", "out", "out-two"}
 """The folders that a command makes; they do not exist before."""
+PAGES_BOARD, WORLDS_BOARD = "--board 9x6 --square-mm 25", "--board 9x9 --square-mm 20"
+"""The board of pictures that a reader has, and that of the pictures that stand for them here."""
 
 
 def test_there_are_commands_of_every_kind() -> None:
@@ -202,7 +204,7 @@ def test_each_command_line_runs(page: str, world: Path, tmp_path: Path) -> None:
     lines = [typed.line for typed in RUN if typed.page == page]
     for line in lines:
         with _without_what_it_makes(copied_world, line):
-            _bash(copied_world, line)
+            _bash(copied_world, line.replace(PAGES_BOARD, WORLDS_BOARD))
     print(f"{page}: {len(lines)} of {sum(typed.page == page for typed in ALL)} commands ran")
 
 

@@ -77,7 +77,7 @@ def _default(kind: Dimension) -> str:
 def _explain(kind: Dimension) -> str:
     """Return the explanation of a dimension, after the shapes that have it unless all have it."""
     shapes = [name for name in shape_names() if kind in find_shape(name).keys]
-    words = kind.explanation.removesuffix(".")
+    words = kind.typed.removesuffix(".")
     if all(name in shapes or not find_shape(name).has_glass for name in shape_names()):
         return f"{words[0].lower()}{words[1:]}"
     return f"{', '.join(shapes)}: {words[0].lower()}{words[1:]}"

@@ -50,14 +50,18 @@ EXPLANATIONS = {
     "height": ("px, of the pictures", ""),
     "model": ("the camera's name", "Raspberry Pi Camera Module v2"),
     "intrinsics": (
-        "If they are known. Else they come from pictures without the cover in bare/, or, without a"
-        " cover, from these.",
+        "The lens without its cover. If left out, the fit takes it from the pictures in bare/, else"
+        " from the pictures of the session.",
         "{fx: 1279.2, fy: 1279.2, cx: 832.8, cy: 636.6, distortion: [0, 0, 0, 0, 0]}",
     ),
-    "lens": (f"one of {', '.join(LENSES)}", AUTO),
+    "lens": (
+        f"The lens model: {OPENCV} for usual lenses, {FISHEYE} for wide ones, {SPLINED} for lenses"
+        f" that no formula describes, {AUTO} to take the best of them.",
+        AUTO,
+    ),
     "lens_coefficients": (
-        f"of OpenCV's model: one of {', '.join(map(str, COEFFICIENTS))}; without the key as few as"
-        " needed",
+        f"How many coefficients the model {OPENCV} has: one of"
+        f" {', '.join(map(str, COEFFICIENTS))}.",
         "5",
     ),
     "shutter": ("global, or rolling with the time of its readout, if known", SHUTTER_EXAMPLE),

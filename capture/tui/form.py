@@ -94,7 +94,7 @@ def explain_field(key: str, kind: str, shape: str) -> str:
     """Return the explanation of a value, for a board of this type or a cover of this shape."""
     board = explain_keys(kind)
     cover = {
-        entry.quantity.key: " ".join((entry.explanation, f"{_roughly(entry)}{NOT_KNOWN}"))
+        entry.quantity.key: " ".join((entry.typed, f"{_roughly(entry)}{NOT_KNOWN}"))
         for entry in find_shape(shape).keys
     }
     words = find_shape(shape).words

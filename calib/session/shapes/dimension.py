@@ -16,6 +16,8 @@ class Dimension:
     """The words for it in a sentence, such as "the glass's thickness"."""
     explanation: str
     """The explanation for people who have never seen a session.yaml."""
+    typed_explanation: str = ""
+    """The explanation of an option or a field of a form, if that differs from the key's."""
     tolerance: Tolerance | None = None
     """The tolerance of a number that is stated without a sigma. None: a fit holds such a number."""
     option: str = ""
@@ -24,6 +26,11 @@ class Dimension:
     """The effect of the diagnosis that lets its numbers differ from the stated ones, if any."""
     usual: str = ""
     """The usual value, where there is one, as a person would write it. A form begins with it."""
+
+    @property
+    def typed(self) -> str:
+        """The explanation of its option, and of its field in a form."""
+        return self.typed_explanation or self.explanation
 
     @property
     def initial(self) -> str:

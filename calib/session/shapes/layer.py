@@ -14,7 +14,8 @@ LAYER = (
     Dimension(
         Quantity("thickness_mm", low=0.05, high=1e4, wide=UNKNOWN_THICKNESS),
         words="the glass's thickness",
-        explanation=(
+        explanation="Thickness in mm. For laminated glass use `layers`.",
+        typed_explanation=(
             "Thickness in mm; of laminated glass that of each layer, from the inside out."
         ),
         tolerance=THICKNESS,
@@ -25,6 +26,10 @@ LAYER = (
         Quantity("refractive_index", low=1, high=3, wide=UNKNOWN_INDEX),
         words="the glass's refractive index",
         explanation=(
+            "Refractive index: glass 1.52, acrylic 1.49, polycarbonate 1.585. For laminated glass"
+            " use `layers`."
+        ),
+        typed_explanation=(
             "Refractive index: glass 1.52, acrylic 1.49, polycarbonate 1.585; of laminated glass"
             " that of each layer."
         ),
