@@ -55,6 +55,30 @@ RAISED = {
     "error",
 }
 """The errors whose message a person reads."""
+PARTS = {
+    "Options, files and folders": ("calib/commands", "calib/io"),
+    "session.yaml": ("calib/session",),
+    "The board in the pictures": ("calib/corners", "calib/sheet"),
+    "Import": ("calib/importing",),
+    "Fit and test: `calib fit`, `evaluate`, `diagnose`, `check`, `report`": (
+        *("calib/fitting", "calib/intrinsics", "calib/diagnosis", "calib/checking"),
+        *("calib/fit_record", "calib/calibration_file.py", "calib/optics", "calib/planning"),
+        *("calib/plots", "calib/report"),
+    ),
+    "Use: `calib undistort`, `stream`, `measure`, `pose`, `immerse`, `export`": (
+        *("calib/apply", "calib/undistortion", "calib/export", "capture/streaming"),
+    ),
+    "Several cameras: `calib rig`": ("calib/rig", "capture/rig"),
+    "Many cameras: `calib batch`, `calib fleet-prior`": ("calib/fleet",),
+    "A screen as the target": ("calib/fringes", "capture/screen"),
+    "Record: `capture`": ("capture",),
+}
+"""The headings of the messages, each with the parts of the code whose errors stand below it; a part
+counts for the first heading that has it.
+"""
+FEWEST_WORDS = 4
+"""The words of a message that do not change: with fewer of them it cannot be searched for."""
+WORD = re.compile(r"(?<![\w…])[A-Za-z][\w'-]*(?![\w…])")
 TASKS = {
     f"{name}.md"
     for name in (
@@ -156,17 +180,40 @@ def boost_of(page: str) -> float:
 
 
 def all_messages() -> str:
-    """A list of every message of an error in the code, by its first words."""
-    found = {
-        message
-        for package in ("calib", "capture")
-        for file in (ROOT / package).rglob("*.py")
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Call)
-        for message in [message_of(node)]
-        if len(message.split()) > 3
-    }
-    lines = sorted(found, key=lambda message: message.strip("… :").lower())
+    """Every message of an error in the code: below the heading of its part, sorted by its first
+    words.
+    """
+    found: dict[str, set[str]] = {heading: set() for heading in PARTS}
+    for package in ("calib", "capture"):
+        for file in sorted((ROOT / package).rglob("*.py")):
+            if messages := messages_of(file):
+                found.setdefault(heading_of(file), set()).update(messages)
+    return "\n".join(
+        f"## {heading}\n\n{listed(messages)}\n" for heading, messages in found.items() if messages
+    )
+
+
+def heading_of(file: Path) -> str:
+    """The heading of the messages of a file."""
+    path = file.relative_to(ROOT)
+    headings = (
+        heading
+        for heading, parts in PARTS.items()
+        if any(path.is_relative_to(part) for part in parts)
+    )
+    return next(headings, "Other parts")
+
+
+def messages_of(file: Path) -> set[str]:
+    """The messages of the errors that a file raises, if they have enough words to search for."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    messages = {message_of(node) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    return {message for message in messages if len(WORD.findall(message)) >= FEWEST_WORDS}
+
+
+def listed(messages: set[str]) -> str:
+    """A list of messages, sorted by their first words."""
+    lines = sorted(messages, key=lambda message: message.strip("… :").lower())
     return "\n".join(f"- `{line.replace('`', chr(39))}`" for line in lines)
 
 

@@ -170,8 +170,11 @@ def test_the_reference_has_every_name_of_the_library() -> None:
 def test_the_site_lists_every_message() -> None:
     page = (DOCS / "messages.md").read_text(encoding="utf-8")
     assert HOOKS.MESSAGES in page
-    messages = HOOKS.all_messages().splitlines()
+    listed = HOOKS.all_messages()
+    assert re.findall(r"^## (.*)$", listed, re.MULTILINE) == list(HOOKS.PARTS)
+    messages = [line for line in listed.splitlines() if line.startswith("- ")]
     assert len(messages) > 250
+    assert all(len(HOOKS.WORD.findall(line)) >= HOOKS.FEWEST_WORDS for line in messages)
     assert any("is a symbolic link, and results are not written through one" in m for m in messages)
     assert {
         kind.__name__ for kind in (InputError, NotEnoughDataError, RefracalError, CaptureError)
