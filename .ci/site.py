@@ -248,10 +248,10 @@ def on_page_content(html: str, **_: Any) -> str:
     """Every block of output says how many columns it has, for the style sheet. A short command in a
     sentence stays in one line, and an option everywhere.
     """
+    html = OUTPUT.sub(lambda match: f"{match[1]}{sized(match[2])}", html)
     html = SHORT_CODE.sub(r'<code class="whole">\1</code>', html)
     html = CODE.sub(lambda code: OPTION.sub(r'<span class="option">\1</span>', code[0]), html)
-    html = TABLE.sub(lambda table: labelled(table[0]), html)
-    return OUTPUT.sub(lambda match: f"{match[1]}{sized(match[2])}", html)
+    return TABLE.sub(lambda table: labelled(table[0]), html)
 
 
 def labelled(table: str) -> str:
@@ -289,8 +289,24 @@ def width_of(table: str) -> float:
 
 
 def sized(block: str) -> str:
-    """The <pre> of a block, with the columns of its tables. Sentences wrap."""
-    lines = unescape(re.sub(r"<[^>]+>", "", block)).splitlines()
-    lengths = [len(line) for line in lines if TABULAR.search(line) and len(line) <= MOST]
-    columns = max(FEWEST, *lengths, 0)
+    """The <pre> of a block, with the columns of its tables. Sentences wrap, and keep the size of
+    their letters if they stand below a table.
+    """
+    lines = [unescape(re.sub(r"<[^>]+>", "", line)) for line in block.splitlines()]
+    tabular = [
+        place for place, line in enumerate(lines) if TABULAR.search(line) and len(line) <= MOST
+    ]
+    columns = max(FEWEST, *(len(lines[place]) for place in tabular), 0)
+    if tabular and "</code>" in block:
+        block = with_sentences(block, tabular[-1] + 1)
     return f'<pre class="output" style="--columns: {columns}">{block}</pre>'
+
+
+def with_sentences(block: str, first: int) -> str:
+    """A block whose lines from the `first` one on are marked as sentences."""
+    code, end, rest = block.rpartition("</code>")
+    lines = code.split("\n")
+    table, sentences = lines[:first], "\n".join(lines[first:])
+    if not sentences.strip():
+        return block
+    return "\n".join([*table, f'<span class="sentences">{sentences}</span>']) + end + rest

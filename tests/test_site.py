@@ -181,6 +181,14 @@ def test_the_site_lists_every_message() -> None:
     } <= HOOKS.RAISED
 
 
+def test_sentences_below_a_table_keep_the_size_of_their_letters() -> None:
+    table = "<code>what   held out\nlens  0.2 → 0.1"
+    marked = HOOKS.sized(f"<span></span>{table}\nWrote out.\n\nYou can trust it.\n</code>")
+    assert f'{table}\n<span class="sentences">Wrote out.\n\nYou can trust it.\n</span>' in marked
+    for block in (f"{table}\n</code>", "<code>You can trust it.\n</code>"):
+        assert block in HOOKS.sized(block)
+
+
 def test_the_covers_of_the_measuring_page_are_read() -> None:
     """And every key of every shape is explained there."""
     page = (DOCS / "measuring.md").read_text(encoding="utf-8")
