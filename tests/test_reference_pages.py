@@ -30,6 +30,23 @@ def test_a_page_says_what_the_code_says(name: str, text: str) -> None:
     assert written == text, "run python -m fixtures.pages"
 
 
+def test_the_page_of_unknown_numbers_has_the_same_ranges() -> None:
+    ranges: dict[str, set[str]] = {}
+    for key, row in re.findall(
+        r"^\| `(\w+)` \| (.*) \|$", pages()["session-yaml.md"], re.MULTILINE
+    ):
+        ranges.setdefault(key, set()).add(row.rpartition(" | ")[2])
+    page = (DOCS / "unknown.md").read_text(encoding="utf-8")
+    stated = re.findall(
+        r"^\|[^|]*\|[^|]*`(\w+): (?:unknown|\[unknown|1\.333)[^|]*\| (-?[\d.]+ to [\d.]+)",
+        page,
+        re.MULTILINE,
+    )
+    assert len(stated) == 9
+    for key, words in stated:
+        assert words in ranges[key], key
+
+
 def test_every_key_that_is_read_is_on_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """The readers say themselves which keys they allow."""
     allowed: set[str] = set()

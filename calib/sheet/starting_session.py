@@ -30,8 +30,8 @@ def starting_session(pattern: Pattern, sheet: Sheet, size: tuple[int, int]) -> s
 (mm), and write in place of {sheet.side:g}
 # {{value: VALUE, sigma: SIGMA}}, with VALUE = {sheet.side:g} * (a / {a} + b / {b}) / 2 and SIGMA \
 = {sheet.side:g} * D / 2 / {min(a, b)},
-# where D (mm) is your ruler's smallest division. For example: a = {measured_a:g}, b = {measured_b:g} \
-and D = 1 give {{value: {value:.3f}, sigma: {sigma:.3f}}}.
+# where D (mm) is your ruler's smallest division. For example: a = {measured_a:g}, \
+b = {measured_b:g} and D = 1 give {{value: {value:.3f}, sigma: {sigma:.3f}}}.
 # A plain number is taken to be within 0.2 %.
 format: 1
 board: {{{board}}}
