@@ -169,7 +169,7 @@ def _coverage(evidence: Evidence) -> str:
         for depth, sigma in map_sigmas(evidence.calibration, evidence.depths).items()
     )
     return (
-        f"The boards support maps for {describe_trusted(*evidence.reach)}. Their sigma is"
+        f"The boards support maps for {describe_trusted(*evidence.reach)}. Their expected error is"
         f" {at_corners} (median over the corners), and at most"
         f" {evidence.worst_sigma(evidence.depths)}."
     )

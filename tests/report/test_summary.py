@@ -58,7 +58,7 @@ def test_a_good_calibration_is_trusted(reported: Reported) -> None:
     assert ": the error is noise" in remaining
     assert "the fit does not overfit" in held_out
     assert maps.startswith("The boards support maps for ")
-    assert "Their sigma is 0.1" in maps
+    assert "Their expected error is 0.1" in maps
     assert all(sentence.endswith(".") for sentence in summary.sentences)
 
 

@@ -203,11 +203,11 @@ function addCamera(three, world, packed, colour) {
 function addRuler(three, box, world, far, colour) {
   const step = TICK_STEPS.find(length => far / length <= MAX_TICKS) ?? far, points = [[0, 0, 0], [0, 0, far]], names = [];
   for (let count = 1; count * step <= far; count += 1) {
-    const depth = count * step, half = step * TICK_PART, tick = new three.Object3D();
+    const depth = count * step, half = step * TICK_PART, tick = new three.Group();
     points.push([-half, 0, depth], [half, 0, depth]);
     tick.position.set(0, 0, depth);
     world.add(tick);
-    names.push(addName(box, `${digits(depth, 2)} m`, tick));
+    names.push(addName(box, `${Number(depth.toFixed(3))} m`, tick));
   }
   const line = lineSegments(three, points, colour, "--ink", 0.5);
   world.add(line);
