@@ -80,9 +80,12 @@ class Verdict:
     @property
     def headline(self) -> str:
         """The sentence of the grade; another one if the maps hold all the same."""
-        if self.reasons and all(reason.maps_hold for reason in self.reasons):
-            return MAPS_HOLD
-        return self.word.sentence
+        return MAPS_HOLD if self.reasons and self.maps_hold else self.word.sentence
+
+    @property
+    def maps_hold(self) -> bool:
+        """True if no reason is about the maps: they are as sure as they say."""
+        return all(reason.maps_hold for reason in self.reasons)
 
     @property
     def suspects(self) -> tuple[str, ...]:
@@ -110,6 +113,7 @@ class Verdict:
         """Return the JSON object of the command contract."""
         return {
             "word": self.word.value,
+            "maps_hold": self.maps_hold,
             "reasons": [reason.sentence for reason in self.reasons],
             "suspects": list(self.suspects),
             "next": self.next,
