@@ -18,9 +18,9 @@ from calib.fitting.stages import Fitted, Setup, fit_or_none
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.progress import Progress
 from calib.session.freeing import ALL, AUTO, free_parameters
-from calib.session.parameter_names import CAMERA
+from calib.session.parameter_names import CAMERA, number_of
 from calib.session.shapes.none import NONE
-from calib.session.shapes.registry import shape_names
+from calib.session.shapes.registry import find_dimension, shape_names
 from calib.threads import single_thread
 
 AS_GOOD = 1.02
@@ -71,7 +71,7 @@ def choose_shape(
         with single_thread():
             candidate = with_initial_values(candidate, views, progress)
             fitted = fit_or_none(candidate, views, settings, progress, name)
-            if fitted is None:
+            if fitted is None or not _is_within_limits(fitted):
                 continue
             setups[name] = candidate
             fits[name] = fitted
@@ -99,6 +99,19 @@ def choose_shape(
         {name: _map_change(fits[best], fits[name], observations) for name in rivals},
         _camera_sigma([fits[name] for name in (best, *rivals)]) if rivals else {},
     )
+
+
+def _is_within_limits(fitted: Fitted) -> bool:
+    """Return False if a number of the cover has a value that session.yaml does not allow: the shape
+    imitates something else, such as water that nobody declared.
+    """
+    for name, value in fitted.values.items():
+        if not (dimension := find_dimension(number_of(name))):
+            continue
+        quantity = dimension.quantity
+        if not quantity.low <= float(value) * quantity.unit[1] <= quantity.high:
+            return False
+    return True
 
 
 def _camera_sigma(fits: Sequence[Fitted]) -> dict[str, float]:

@@ -4,6 +4,8 @@ shape is the one that the pictures were taken through.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,10 +15,11 @@ from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.fit_record.outcome import MIN_SHAPE_LOG_ODDS
 from calib.fit_record.request import EVEN_GRID, Settings
+from calib.fitting import shape_choice
 from calib.fitting.declared import comparisons
 from calib.fitting.description import calibrated_numbers, describe
 from calib.fitting.shape_choice import choose_shape
-from calib.fitting.stages import Setup, fit_stages
+from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.fitting.valleys import widen_valleys
 from calib.progress import Silent
@@ -176,6 +179,25 @@ def test_unknown_shape_is_the_true_one_or_as_probable(cover: str, shape: str) ->
     # Ten views hardly tell this cone's slope; everything else is told.
     probable = {name for name, odds in choice.log_odds.items() if odds > -MIN_SHAPE_LOG_ODDS}
     assert probable <= ({"cone", "cylinder"} if shape in ("cone", "cylinder") else {shape})
+
+
+@pytest.mark.parametrize(
+    ("values", "allowed"),
+    [
+        ({"cover.tilt.x": 0.7, "cover.thickness": 3e-3, "camera.fx": 650.0}, True),
+        ({"cover.tilt.z": -1.2}, False),
+        ({"cover2.thickness": 2e-5}, False),
+    ],
+)
+def test_a_shape_with_numbers_that_a_session_cannot_have_is_none(
+    values: dict[str, float], allowed: bool
+) -> None:
+    """A window that was tilted by 69 degrees imitated water that nobody declared."""
+    fitted = cast(
+        Fitted,
+        SimpleNamespace(values={name: torch.tensor(value) for name, value in values.items()}),
+    )
+    assert shape_choice._is_within_limits(fitted) == allowed
 
 
 @pytest.mark.slow
