@@ -95,6 +95,9 @@ def _reasons(result: CheckResult) -> Iterator[str]:
 
 def _test_reasons(statistics: CheckStatistics, result: CheckResult) -> Iterator[str]:
     count, status = statistics.views, result.status
+    if status is CheckStatus.VALID and not result.has_new_views:
+        yield "the fit agrees with them anyway: take new pictures, which show the camera of today."
+        return
     is_small = status is CheckStatus.VALID and statistics.p_value < ALPHA
     chance = f" (p {p_text(statistics.p_value)}; less than {ALPHA:g} is an alarm)"
     yield (
@@ -108,7 +111,7 @@ def _test_reasons(statistics: CheckStatistics, result: CheckResult) -> Iterator[
             f" adds {max(statistics.added_px, LEAST_PX):.3f} px or less to the corners."
         )
     if status is not CheckStatus.VALID:
-        yield f"the change adds {statistics.added_px:.3f} px to the corners."
+        yield f"the change moves the corners by {statistics.added_px:.3f} px (root mean square)."
     is_unnamed = any(change.name in UNNAMED for change in result.changes)
     if statistics.noise_ratio > NOISY and not is_unnamed:  # else it holds the change
         yield (
