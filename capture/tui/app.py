@@ -147,7 +147,9 @@ class CaptureApp(App[None]):
             if not source:
                 return
             if pictures := playback_folder(source):
-                self.push_screen(CheckScreen(message.calibration, pictures, message.depth))
+                self.push_screen(
+                    CheckScreen(message.calibration, pictures, message.depth, message.boards)
+                )
                 return
             task = Task(
                 next_folder(message.session),
@@ -155,7 +157,9 @@ class CaptureApp(App[None]):
                 read_calibrated(message.calibration),
                 bare=False,
             )
-            self.push_screen(CheckViewsScreen(task, message.calibration, message.depth))
+            self.push_screen(
+                CheckViewsScreen(task, message.calibration, message.depth, message.boards)
+            )
 
         self.push_screen(CheckSourceScreen(self.source), start_check)
 

@@ -45,12 +45,20 @@ class CheckScreen(AnswerPage):
     ]
     RETRY_ADVICE = "Press c to check the same pictures again, esc to go back and name others."
 
-    def __init__(self, calibration: Path, pictures: Path, depth: float) -> None:
+    def __init__(
+        self,
+        calibration: Path,
+        pictures: Path,
+        depth: float,
+        boards: tuple[float, float] | None = None,
+    ) -> None:
         """`calibration` is the file of the calibration.
 
-        `pictures` is a session, or a folder of pictures. `depth`, in metres, is proposed for maps.
+        `pictures` is a session, or a folder of pictures. `depth` and `boards` are those of
+        `ExportScreen`.
         """
         super().__init__()
+        self._boards = boards
         self._depth = depth
         self._calibration = calibration
         self._pictures = pictures
@@ -98,7 +106,7 @@ class CheckScreen(AnswerPage):
 
     def action_export(self) -> None:
         updated = Path(self.result["written"])
-        screen = ExportScreen(updated.parent, updated, self._depth)
+        screen = ExportScreen(updated.parent, updated, self._depth, self._boards)
         self.app.push_screen(screen, lambda wrote: self.say(wrote) if wrote else None)
 
     def action_back(self) -> None:

@@ -36,12 +36,20 @@ class CheckViewsScreen(CollectScreen):
     ]
     MAPS: ClassVar = False
 
-    def __init__(self, task: Task, calibration: Path, depth: float) -> None:
+    def __init__(
+        self,
+        task: Task,
+        calibration: Path,
+        depth: float,
+        boards: tuple[float, float] | None = None,
+    ) -> None:
         """`task` records into a separate session.
 
-        `calibration` is the file of the checked calibration. `depth` is as in CheckScreen.
+        `calibration` is the file of the checked calibration. `depth` and `boards` are as in
+        CheckScreen.
         """
         super().__init__(task)
+        self._boards = boards
         self._depth = depth
         self._calibration = calibration
 
@@ -93,7 +101,9 @@ class CheckViewsScreen(CollectScreen):
 
     def action_fit(self) -> None:
         self.stop_recording()
-        self.app.switch_screen(CheckScreen(self._calibration, self.plan.folder, self._depth))
+        self.app.switch_screen(
+            CheckScreen(self._calibration, self.plan.folder, self._depth, self._boards)
+        )
 
     def action_not_yet(self) -> None:
         self.say(

@@ -35,8 +35,13 @@ STRAIGHT = "straight"
 USUAL = ("npz", "opencv", "ros")
 """The forms of the first list, which a phone shows without scrolling.
 A second list has the rest."""
+WATERS = {"water": "1.333", "sea": "1.34"}
+"""The refractive index of each water that a calibration in air has maps for."""
 FURTHER = "further"
 """The choice of that second list."""
+AIR_ADVICE = (
+    "These maps are for air. For use under water, choose the form further, then water or sea."
+)
 NO_DEPTH = "Straight pictures are of a depth: name one, in metres."
 EXPORT_DONE = "That is all: esc goes back to the results."
 OVERWRITE_ADVICE = ", or replace what is there with --overwrite"
@@ -89,16 +94,17 @@ class ExportScreen(Dialog[str]):
         boards: tuple[float, float] | None = None,
         *,
         note: str = "",
-        advice: str = "",
+        in_air: bool = False,
         pictures: Path | None = None,
     ) -> None:
         """`depth`, in metres, is proposed; `boards`, in metres, is the range from the nearest to
-        the farthest board, if it is known. `note` is shown above the fields, `advice` below them.
-        `pictures` is the folder of the session's pictures.
+        the farthest board, if it is known. `note` is shown above the fields. `in_air`: the cover
+        has air outside, so that maps for water may be wanted. `pictures` is the folder of the
+        session's pictures.
         """
         super().__init__()
         self._note = note
-        self._advice = advice
+        self._in_air = in_air
         self._boards = boards
         self.is_writing = False
         self._accepted: set[str] = set()
@@ -125,6 +131,9 @@ class ExportScreen(Dialog[str]):
                 if getattr(self.app, "on_phone", False):
                     first = STRAIGHT  # a phone can show them, and cannot use maps
             usual.append(_option(FURTHER, "forms for other programs"))
+            if self._in_air:
+                waters = [_option(name, f"maps for it, index {n}") for name, n in WATERS.items()]
+                further = [*waters, *further]
             yield _row("form", _select("form", usual, first))
             row = _row("which form", _select(FURTHER, further, further[0][1]))
             row.display = False
@@ -134,8 +143,8 @@ class ExportScreen(Dialog[str]):
                 "folder",
                 Field(str(self._folder), id="folder", suggester=suggester, compact=True),
             )
-            advice = Static(harmless(self._advice), id="advice", markup=False)
-            advice.display = bool(self._advice)
+            advice = Static(AIR_ADVICE, id="advice", markup=False)
+            advice.display = self._in_air
             yield advice
             yield Button("Export", id="export", variant="primary", compact=True)
             yield Static(id="said", markup=False)
@@ -210,10 +219,18 @@ class ExportScreen(Dialog[str]):
                 [*command, "-o", str(folder / f"{STRAIGHT}_{depth}m"), "--depth", depth]
                 for depth in depths
             ]
+        remarks: list[str] = []
+        if form in WATERS:
+            immersed = str(folder / form / "calibration")
+            into = ["immerse", str(self._calibration), "--outside-index", WATERS[form]]
+            npz = ["export", immersed, "--format", "npz", "-o", str(folder / form), *at]
+            commands = [[*into, "-o", immersed], npz]
         written: list[Path] = []
         for command in commands:
             done = calib(command)
-            written += [Path(line) for line in done.stdout.splitlines()]
+            remarks += done.remarks
+            if command[0] != "immerse":  # which prints a table
+                written += [Path(line) for line in done.stdout.splitlines()]
             if done.returncode:
                 break
         sentence = (
@@ -221,7 +238,7 @@ class ExportScreen(Dialog[str]):
             if done.returncode
             else _describe_straight(written, depths, folder)
             if form == STRAIGHT
-            else _describe_files(written, done.remarks)
+            else _describe_files(written, remarks)
         )
         app.post_message(self.MapsExported(self, sentence, written))
 

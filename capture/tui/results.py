@@ -19,7 +19,7 @@ from textual.widgets.option_list import Option
 from calib.corners.detect import eight_bits
 from calib.errors import RefracalError, harmless
 from calib.io.images import frames_folder, read_grey
-from calib.session.shapes.layer import AIR, MEDIA, WATER
+from calib.session.shapes.layer import AIR
 from calib.verdict.verdict import Trust
 from capture.tui.camera import Preview
 from capture.tui.cells import CORNER_MARK, WORST_MARK, Mark
@@ -35,7 +35,7 @@ from capture.tui.drop import (
 )
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
-from capture.tui.farewell import CALIBRATION, DEPTH, shell_command, updated_folder
+from capture.tui.farewell import CALIBRATION, DEPTH, updated_folder
 from capture.tui.numbers import Numbers
 from capture.tui.page import HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
@@ -131,13 +131,21 @@ class ResultsScreen(Page):
     class CheckRequested(Message):
         """The person wants to check whether this calibration still holds."""
 
-        def __init__(self, session: Path, calibration: Path, depth: float) -> None:
+        def __init__(
+            self,
+            session: Path,
+            calibration: Path,
+            depth: float,
+            boards: tuple[float, float] | None,
+        ) -> None:
             super().__init__()
             self.session = session
             self.calibration = calibration
             """The calibration's file."""
             self.depth = depth
             """m, the proposed depth of maps."""
+            self.boards = boards
+            """m, the distances of the nearest and of the farthest board."""
 
     def __init__(self, session: Path, result: Event, previous: Event | None = None) -> None:
         """`result` is as `fit_session` gives it; `previous` is that of the fit before, to compare
@@ -345,14 +353,6 @@ class ResultsScreen(Page):
                 " that."
             )
 
-    def _water_advice(self, calibration: Path) -> str:
-        """Return how maps for water follow from a usable calibration in air; else an empty text."""
-        if self._forbidden or self.result.get("medium") != AIR:
-            return ""
-        index = f"{MEDIA[WATER]:g}"
-        command = shell_command("calib", "immerse", calibration.parent, "--outside-index", index)
-        return f"These maps are for air. For use under water, type on a terminal: {command}"
-
     def _next_steps(self) -> str:
         exports = "x for maps and straight pictures"
         if self._trusted:
@@ -514,7 +514,7 @@ class ResultsScreen(Page):
             self._depth,
             self._boards,
             note=note,
-            advice=self._water_advice(calibration),
+            in_air=not self._forbidden and self.result.get("medium") == AIR,
             pictures=pictures,
         )
         self.app.push_screen(screen, lambda wrote: self._say(wrote) if wrote else None)
@@ -546,7 +546,9 @@ class ResultsScreen(Page):
 
     def action_check(self) -> None:
         self.post_message(
-            self.CheckRequested(self.session, Path(self.result["calibration"]), self._depth)
+            self.CheckRequested(
+                self.session, Path(self.result["calibration"]), self._depth, self._boards
+            )
         )
 
     def action_effects(self) -> None:

@@ -90,6 +90,10 @@ async def _changed(session: Path, later: Path) -> None:
         assert "[RESULTS: check]" in shown(pilot)
         await pilot.press("x")
         await see(pilot, "depths in metres")
+        await write(pilot, "50")
+        await pilot.press("ctrl+s")
+        await see(pilot, "far from your boards")
+        await write(pilot, "0.5")
         await pilot.press("ctrl+s")
         await see(pilot, "Wrote ")
         updated = session / "calibration" / "updated"

@@ -20,6 +20,7 @@ from capture.tui.export import (
     NO_DEPTH,
     STRAIGHT,
     USUAL,
+    WATERS,
     ExportScreen,
     parse_depths,
     warn_of_distance,
@@ -272,6 +273,32 @@ async def _straight(session: Path) -> None:
         await write(pilot, "0.5 1")
         await pilot.press("shift+tab", "ctrl+s")
         await see(pilot, "That is all")
+
+
+@pytest.mark.parametrize("form", sorted(WATERS))
+def test_a_calibration_in_air_has_maps_for_water(
+    tmp_path: Path, calls: list[Sequence[str]], form: str
+) -> None:
+    """The calibration in water lies beside its maps; the table of `calib immerse` is no file."""
+    drive(_in_water(tmp_path, form))
+    immersed = str(tmp_path / "export" / form / "calibration")
+    calibration = str(tmp_path / "calibration")
+    maps = ["--format", "npz", "-o", str(tmp_path / "export" / form), "--depth", "1"]
+    assert calls == [
+        ["immerse", calibration, "--outside-index", WATERS[form], "-o", immersed],
+        ["export", immersed, *maps],
+    ]
+
+
+async def _in_water(session: Path, form: str) -> None:
+    async with running(session) as pilot:
+        screen = ExportScreen(session, session / "calibration", 1.0, in_air=True)
+        pilot.app.push_screen(screen)
+        await see(pilot, "These maps are for air")
+        screen.query_one("#form", Select).value = FURTHER
+        screen.query_one(f"#{FURTHER}", Select).value = form
+        await pilot.press("ctrl+s")
+        await see(pilot, "Wrote rays.npz map_1m.npz")
 
 
 def test_a_late_success_does_not_hide_the_current_error(

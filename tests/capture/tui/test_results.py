@@ -152,11 +152,8 @@ async def _to_water(session: Path, medium: str) -> None:
         await see(pilot, "x for maps and straight pictures")
         await pilot.press("x")
         await see(pilot, "depths in metres")
-        folder = Path(str(RESULT["calibration"])).parent
-        command = f"calib immerse {folder} --outside-index 1.333"
-        advice = str(pilot.app.screen.query_one("#advice", Static).content)
-        said = f"These maps are for air. For use under water, type on a terminal: {command}"
-        assert advice == (said if medium == "air" else "")
+        assert pilot.app.screen.query_one("#advice", Static).display == (medium == "air")
+        assert ("These maps are for air" in shown(pilot)) == (medium == "air")
 
 
 def test_the_report_and_no_export_is_the_main_button_of_what_must_not_be_used(
