@@ -3,7 +3,6 @@ folder holds the arrays. Together they are enough to fit again.
 """
 
 import math
-import shlex
 from dataclasses import asdict, replace
 from os import PathLike
 from pathlib import Path as FilePath
@@ -33,6 +32,7 @@ from calib.io.arrays import decode_npz
 from calib.io.file_set import find_current
 from calib.io.files import npz, reading
 from calib.io.images import session_pictures
+from calib.io.shell import shell_path
 from calib.io.yaml_reader import is_opencv, read_yaml
 from calib.optics.board_target import POSE, VIEW_BLOCKS
 from calib.session.camera import camera_to_yaml
@@ -177,7 +177,7 @@ def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
         if is_opencv(place):
             raise InputError(
                 f"{path} is a file of OpenCV, of a camera without its cover: calib fit PICTURES"
-                f" --intrinsics {shlex.quote(str(path))} takes its numbers."
+                f" --intrinsics {shell_path(path)} takes its numbers."
             )
         document = read_yaml(place)
         if document.get("format") != FORMAT:
@@ -202,7 +202,7 @@ def _where_to_find(path: FilePath) -> str:
     if path.stem != "calibration":
         return "give the folder that calib fit wrote"
     if (folder / "session.yaml").is_file():
-        return f"calib fit {shlex.quote(str(folder))} makes it"
+        return f"calib fit {shell_path(folder)} makes it"
     if session_pictures(folder):
         return f"{fit_pictures_command(folder)} makes one of these pictures"
     return "give the folder that calib fit wrote"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from calib.checking.update import NumberUpdate
 from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.fitting.rounding import with_sigma
+from calib.io.shell import shell_path
 
 UNNAMED = ("unknown", "other_camera")
 """The names of changes that an estimate of this calibration's numbers does not describe."""
@@ -49,20 +49,20 @@ def next_command(
     otherwise a report.
     """
     if result.lacking and not updated:
-        return f"calib diagnose {shlex.quote(str(calibration))}"
+        return f"calib diagnose {shell_path(calibration)}"
     places = (pictures[0], *pictures[0].parents[:2])
     sessions = [folder for folder in places if (folder / "session.yaml").is_file()]
     session = sessions[0] if sessions else pictures[0]
     is_recorded = bool(sessions) and (session / "frames").is_dir()
     is_unnamed = bool(result.changes) and result.changes[0].name in UNNAMED
     if not (is_recorded or updated) and (is_unnamed or result.statistics is None):
-        return f"calib fit {shlex.join(map(str, pictures))}"
+        return f"calib fit {' '.join(map(shell_path, pictures))}"
     is_checked = result.status is CheckStatus.VALID and not result.is_known
     if updated or is_checked or not is_recorded:
-        return f"calib report {shlex.quote(str(calibration))}"
+        return f"calib report {shell_path(calibration)}"
     if not session.name.strip("."):  # "." and ".." are not names
         session = session.resolve()
-    return f"capture {shlex.quote(str(session.with_name(f'{session.name}-again')))}"
+    return f"capture {shell_path(session.with_name(f'{session.name}-again'))}"
 
 
 def result_lines(result: CheckResult, numbers: Sequence[NumberUpdate] = ()) -> Iterator[str]:

@@ -3,7 +3,6 @@
 import argparse
 import io
 import json
-import shlex
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from importlib.resources import files as package_files
@@ -17,6 +16,7 @@ from calib.commands.parser import command_name
 from calib.commands.printing import print_json
 from calib.commands.program import runnable_command
 from calib.commands.report_command import show_report
+from calib.io.shell import path_word, shell_line
 
 SUMMARY = "Calibrate pictures that come with calib, and open the report."
 DESCRIPTION = """
@@ -66,12 +66,12 @@ def run(args: argparse.Namespace) -> None:
     for results, names in ((calibration, RESULTS), (straight, (PICTURE,))):
         OutputFolder(results, overwrite=args.overwrite).check(names)
     copy_session(args.output, overwrite=args.overwrite)
-    folder, picture = str(args.output), str(args.output / PICTURE)
-    fit_words = [folder, "--depth", WALL_DEPTH]
-    undistort_words = [str(calibration), picture, "--depth", WALL_DEPTH, "--crop", "0"]
+    picture = path_word(args.output / PICTURE)
+    fit_words = [path_word(args.output), "--depth", WALL_DEPTH]
+    undistort_words = [path_word(calibration), picture, "--depth", WALL_DEPTH, "--crop", "0"]
     steps = (
         (fit_command, fit_words),
-        (undistort_command, [*undistort_words, "-o", str(straight)]),
+        (undistort_command, [*undistort_words, "-o", path_word(straight)]),
     )
     if args.json:
         print_json(_quietly(steps, args) | {"undistorted": str(straight / PICTURE)})
@@ -139,4 +139,4 @@ def _quietly(
 
 def _command_line(command: ModuleType, words: list[str]) -> str:
     """Return the line that a person types for a command."""
-    return f"$ {runnable_command(shlex.join(['calib', command_name(command), *words]))}"
+    return f"$ {runnable_command(shell_line('calib', command_name(command), *words))}"

@@ -22,6 +22,7 @@ from calib.commands.cover_options import (
     intrinsics_from_options,
 )
 from calib.errors import InputError, harmless
+from calib.io.shell import shell_path
 
 if TYPE_CHECKING:
     from calib.importing.picture_session import NamedPictures
@@ -195,7 +196,7 @@ def _in_writable_folder(source: "NamedPictures", output: Path | None) -> "NamedP
     if output is None:
         raise InputError(
             f"{place} cannot be written: name a folder for the session and its calibration by -o,"
-            f" such as -o {shlex.quote(folder.name)}-session"
+            f" such as -o {shell_path(f'{folder.name}-session')}"
         )
     return replace(source, session=output)
 

@@ -1,7 +1,6 @@
 """The command `calib immerse`."""
 
 import argparse
-import shlex
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,6 +26,7 @@ from calib.commands.arguments import (
 from calib.commands.loading import fast_imports
 from calib.errors import InputError
 from calib.io.numerals import depth_text
+from calib.io.shell import shell_line
 from calib.session.dispersion import Dispersion
 
 if TYPE_CHECKING:
@@ -152,10 +152,10 @@ def run(args: argparse.Namespace) -> None:
 def _next_command(immersion: "Immersion", output: Path, depths: Sequence[float]) -> str:
     """Return the command to type next: the check that determines what the views do not, or maps."""
     if immersion.unknown:
-        return shlex.join(["calib", "check", str(output), "PICTURES", "--update"])
+        return shell_line("calib", "check", output, "PICTURES", "--update")
     depth = depths[0] if depths else immersion.depths[len(immersion.depths) // 2]
-    maps = ["--format", "npz", "--depth", depth_text(depth), "-o", str(output / "export")]
-    return shlex.join(["calib", "export", str(output), *maps])
+    maps = ["--format", "npz", "--depth", depth_text(depth), "-o"]
+    return shell_line("calib", "export", output, *maps, output / "export")
 
 
 def _parser_between(low: float, high: float) -> Callable[[str], float]:

@@ -10,6 +10,7 @@ from calib.commands.arguments import add_camera, add_output, millimetres, whole_
 from calib.commands.board_options import add_coding, board_from_options
 from calib.commands.cover_options import add_intrinsics, intrinsics_from_options
 from calib.errors import harmless
+from calib.io.shell import shell_path
 
 if TYPE_CHECKING:
     from calib.importing.session_draft import SessionDraft
@@ -164,7 +165,8 @@ def run(args: argparse.Namespace) -> None:
     for notice in draft.notices:
         print(harmless(f"calib: {notice}"), file=sys.stderr)
     kind = "views" if draft.views else "pictures"
-    print(harmless(f"{args.output} has {count} {kind}: calibrate it with calib fit {args.output}"))
+    advice = f"calibrate it with calib fit {shell_path(args.output)}"
+    print(harmless(f"{args.output} has {count} {kind}: {advice}"))
 
 
 def _run_rig(args: argparse.Namespace) -> None:

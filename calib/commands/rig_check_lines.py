@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from calib.commands.check_lines import error_words, p_text
 from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.fitting.rounding import with_sigma
+from calib.io.shell import shell_path
 from calib.rig.check_result import RigCheckResult
 
 MIN_PLACEMENTS = 3
@@ -47,12 +47,12 @@ def next_rig_command(result: RigCheckResult, rig: Path, pictures: Path) -> str:
     recording of one that does not.
     """
     if result.status is CheckStatus.VALID:
-        return f"calib rig evaluate {shlex.quote(str(rig))} {shlex.quote(str(pictures))}"
+        return f"calib rig evaluate {shell_path(rig)} {shell_path(pictures)}"
     session = pictures if pictures.is_dir() else pictures.parent
     if not session.name.strip("."):  # "." and ".." are not names
         session = session.resolve()
     recording = session.with_name(f"{session.name}-again")
-    return f"capture {shlex.quote(str(recording))} --source NAME=SOURCE ..."
+    return f"capture {shell_path(recording)} --source NAME=SOURCE ..."
 
 
 def rig_check_lines(result: RigCheckResult) -> Iterator[str]:

@@ -25,6 +25,7 @@ from calib.io.exif import camera_settings
 from calib.io.files import make_folder, read_file, reading
 from calib.io.images import SUFFIXES, TYPES, list_images, list_unread, read_grey, session_pictures
 from calib.io.output_folder import LEDGER, OutputFolder
+from calib.io.shell import shell_path
 from calib.io.videos import VIDEOS, list_videos
 from calib.progress import Progress
 from calib.session.board import Board
@@ -78,7 +79,7 @@ def find_pictures(paths: Sequence[Path]) -> NamedPictures:
     Raises:
         InputError: a path is neither, or there is no picture.
     """
-    words = shlex.join(map(str, paths))
+    words = " ".join(map(shell_path, paths))
     existing: list[Path] = []
     for path in paths:
         existing += _matches(path)
@@ -92,7 +93,7 @@ def find_pictures(paths: Sequence[Path]) -> NamedPictures:
     if videos:
         raise InputError(
             f"{videos[0]} is a video among other files: give one video, or pictures, such as calib"
-            f" fit {shlex.quote(str(videos[0]))} {EXAMPLE}"
+            f" fit {shell_path(videos[0])} {EXAMPLE}"
         )
     pictures: list[Path] = []
     for path in existing:
@@ -115,7 +116,7 @@ def _check_no_calibration(path: Path) -> None:
         if is_calibration and not session_pictures(path):
             raise InputError(
                 f"{path} is a calibration: give the folder of pictures to fit, or look at it by"
-                f" calib report {shlex.quote(str(path))}"
+                f" calib report {shell_path(path)}"
             )
 
 
@@ -126,7 +127,7 @@ def _matches(path: Path) -> Sequence[Path]:
     if not has_magic(str(path)):
         raise InputError(
             f"{path} is not a folder, a picture or a video that exists: check its name, or record"
-            f" pictures there by capture {shlex.quote(str(path))}"
+            f" pictures there by capture {shell_path(path)}"
         )
     pattern = path.expanduser()
     matches = sorted(Path(pattern.anchor).glob(str(pattern.relative_to(pattern.anchor))))
@@ -158,7 +159,7 @@ def _in_folder(folder: Path, words: str) -> NamedPictures:
         )
         described = (folder / DESCRIPTION).exists()
     if is_inner and not described:
-        session = shlex.quote(str(folder.parent))
+        session = shell_path(folder.parent)
         raise InputError(
             f"{folder} belongs to the session {folder.parent}: type calib fit {session},"
             " or copy the pictures elsewhere to describe them anew."
@@ -168,7 +169,7 @@ def _in_folder(folder: Path, words: str) -> NamedPictures:
         videos = list_videos(folder)
         if videos:
             raise InputError(
-                f"{folder} has no pictures, but a video: calib fit {shlex.quote(str(videos[0]))}"
+                f"{folder} has no pictures, but a video: calib fit {shell_path(videos[0])}"
                 f" {EXAMPLE} makes a session of it."
             )
         unread = describe_unread(folder)
@@ -186,13 +187,13 @@ def _find_advice(folder: Path) -> str:
     inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and list_images(path)]
     if inner:
         names = ", ".join(str(path) for path in inner[:MAX_INNER])
-        command = f"calib fit {shlex.quote(str(inner[0]))} {EXAMPLE}"
+        command = f"calib fit {shell_path(inner[0])} {EXAMPLE}"
         return f"give a folder with the pictures of one camera ({names}), such as {command}"
     convertible = [p for p in list_unread(folder) if p.suffix.lower() in CONVERTIBLE]
     if convertible:
-        files = f"{shlex.quote(str(folder))}/*{convertible[0].suffix}"
+        files = f"{shell_path(folder)}/*{convertible[0].suffix}"
         return f"convert them, such as by mogrify -format png {files} (of ImageMagick)."
-    return f"record some by capture {shlex.quote(str(folder))}, or put {TYPES} files there."
+    return f"record some by capture {shell_path(folder)}, or put {TYPES} files there."
 
 
 def choose_pictures(source: NamedPictures, camera: str | None) -> NamedPictures:
@@ -320,7 +321,7 @@ def _contents(pictures: Sequence[Path]) -> Iterator[tuple[str, bytes]]:
 
 def _correction(source: NamedPictures) -> str:
     """Return what to do about a session.yaml that is not ours to replace."""
-    session = shlex.quote(str(source.session))
+    session = shell_path(source.session)
     return f"write there what the options say, or leave the options out: calib fit {session}"
 
 
@@ -353,7 +354,7 @@ def _copy(session: Path, frames: Iterable[tuple[str, bytes]]) -> None:
     if foreign:
         raise InputError(
             f"{foreign[0]} is not a copy that calib fit made: move it elsewhere, or calibrate the"
-            f" session as it is by calib fit {shlex.quote(str(session))}"
+            f" session as it is by calib fit {shell_path(session)}"
         )
     for name, data in frames:
         output.write(name, data)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from scipy.special import chdtri
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
 from calib.fitting.rounding import with_sigma
+from calib.io.shell import shell_path
 from calib.rig.evaluate_rig import RigEvaluation
 from calib.rig.held_out_placements import MIN_SHARED as MIN_DIAGNOSED
 from calib.rig.rig import Rig
@@ -62,11 +62,11 @@ class RigCase:
 
     @property
     def fit_command(self) -> str:
-        source = shlex.quote(str(self.source))
+        source = shell_path(self.source)
         # The folder of a diagnosed rig is that of the diagnosis.
         is_diagnosed = bool(self.rig.record.effects)
         folder = self.source.parent / "calibration" if is_diagnosed else self.folder
-        return f"calib rig fit {source} -o {shlex.quote(str(folder))}"
+        return f"calib rig fit {source} -o {shell_path(folder)}"
 
 
 RigCheck = Callable[[RigCase], Iterable[Reason]]
@@ -87,12 +87,12 @@ def judge_rig(
     source = Path(rig.record.source or "RIG")
     case = RigCase(rig, folder or source.parent / "calibration", source, evaluation)
     reasons = tuple(reason for check in RIG_CHECKS for reason in check(case))
-    place = shlex.quote(str(case.folder))
+    place = shell_path(case.folder)
     command = f"calib rig evaluate {place} HOLDOUT"
     if evaluation and evaluation.lengths:
         band = evaluation.lengths[len(evaluation.lengths) // 2]
         depth = (band.from_m + band.to_m) / 2
-        maps = shlex.quote(str(case.folder / "maps"))
+        maps = shell_path(case.folder / "maps")
         command = f"calib rig rectify {place} --depth {depth:.2g} -o {maps}"
     return Verdict(reasons, command)
 
@@ -150,7 +150,7 @@ def disagreement(case: RigCase) -> Iterator[Reason]:
         cause = "the causes that were found do not explain all of it"
     elif np.sum(case.rig.cameras_seeing > 1) >= MIN_DIAGNOSED:
         advice = "the diagnosis tells which"
-        command = f"calib rig diagnose {shlex.quote(str(case.folder))}"
+        command = f"calib rig diagnose {shell_path(case.folder)}"
     for name, calibration in case.rig.calibrations.items():
         error = calibration.stages[-1].rms_px
         alone = case.rig.record.alone_px.get(name, error)
@@ -226,7 +226,7 @@ def rig_held_out(case: RigCase) -> Iterator[Reason]:
 
 def _new_recording(case: RigCase) -> str:
     """Return the command that records the rig again."""
-    return f"capture {shlex.quote(f'{case.source.parent}-again')} --source NAME=SOURCE ..."
+    return f"capture {shell_path(f'{case.source.parent}-again')} --source NAME=SOURCE ..."
 
 
 def camera_reasons(case: RigCase) -> Iterator[Reason]:

@@ -2,7 +2,6 @@
 its cover.
 """
 
-import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -12,6 +11,7 @@ import numpy as np
 
 from calib.errors import InputError, harmless, wrong_type
 from calib.io.images import SUFFIXES, TYPES, image_size, list_images, session_pictures
+from calib.io.shell import shell_path
 from calib.io.videos import VIDEOS
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
@@ -196,7 +196,7 @@ def _read(path: Path, bare_of: Session | None) -> Session:
     if not file.exists():
         raise InputError(
             f"{path} has no session.yaml: {fit_pictures_command(path)} writes one for pictures,"
-            f" calib init {shlex.quote(str(path))} one to fill in, at the least {MINIMAL}"
+            f" calib init {shell_path(path)} one to fill in, at the least {MINIMAL}"
         )
     section = Section(read_yaml(file), str(file))
     section.choice("format", (FORMAT,), f"{FORMAT}, the format that this version of calib reads")
@@ -229,7 +229,7 @@ def _read(path: Path, bare_of: Session | None) -> Session:
         )
         raise InputError(
             f"{path} has no pictures: {hint} {TYPES} files in {path / 'frames'}, or record some by"
-            f" capture {shlex.quote(str(path))}"
+            f" capture {shell_path(path)}"
         )
     session = Session(path, board, camera, cover, frames, corners, None)
     return _completed(session, section, bare_of)
@@ -262,7 +262,7 @@ def is_media(path: Path) -> bool:
 
 def fit_pictures_command(path: Path) -> str:
     """Return the command that makes a session of pictures or of a video, and calibrates it."""
-    return f"calib fit {shlex.quote(str(path))} --board 9x6 --square-mm 25"
+    return f"calib fit {shell_path(path)} --board 9x6 --square-mm 25"
 
 
 def _read_setup(section: Section) -> tuple[Board, Camera, Cover]:

@@ -14,6 +14,7 @@ from calib.inference.cross_validation import MIN_CONFIRMING_VIEWS
 from calib.io.images import frames_folder
 from calib.io.numerals import depth_text
 from calib.io.output_folder import OutputFolder
+from calib.io.shell import shell_line, shell_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ class NextCommands:
 
     def fit(self, *options: str) -> str:
         """Return the same fit, for a corrected session or with other options."""
-        words = ["calib", "fit", str(self.session)]
+        words = ["calib", "fit", shell_path(self.session)]
         if self.settings.method != Settings().method:
             words += ["--method", self.settings.method]
         grid = self.settings.grid
@@ -82,8 +83,8 @@ class NextCommands:
         if self.depths:
             words += ["--depth", *map(depth_text, self.depths)]
         if self.folder != self.session / "calibration":
-            words += ["-o", str(self.folder)]
-        return shlex.join([*words, *options])
+            words += ["-o", shell_path(self.folder)]
+        return " ".join([*words, *map(shlex.quote, options)])
 
     def fit_in(self, outside_index: float) -> str:
         """Return the same fit in another medium. Only a session.yaml that calib wrote is changed by
@@ -99,29 +100,29 @@ class NextCommands:
         """Return the command that records more views, or that fits them when they are there."""
         if not self.records:
             return self.fit()
-        return shlex.join(["capture", str(self.session)])
+        return shell_line("capture", self.session)
 
     def diagnose(self, *options: str) -> str:
         """Return the diagnosis, or what comes before it where there are too few views."""
         if not self.diagnosable:
             return self.capture()
-        return shlex.join(["calib", "diagnose", str(self.folder), *options])
+        return shell_line("calib", "diagnose", self.folder, *options)
 
     def check(self, session: str) -> str:
         """Return the check by the pictures of a session."""
-        return shlex.join(["calib", "check", str(self.folder), session])
+        return shell_line("calib", "check", self.folder, session)
 
     def evaluate(self) -> str:
         """Return the evaluation on other views, whose session the user names."""
-        return shlex.join(["calib", "evaluate", str(self.folder), "HOLDOUT"])
+        return shell_line("calib", "evaluate", self.folder, "HOLDOUT")
 
     def undistort(self, depth: float) -> str:
         """Return the undistortion of the session's pictures for a depth in m."""
-        folder = str(self.folder)
-        pictures = str(self.pictures or frames_folder(self.session))
-        out = str(self.folder / "undistorted")
-        return shlex.join(
-            ["calib", "undistort", folder, pictures, "--depth", depth_text(depth), "-o", out]
+        pictures = self.pictures or frames_folder(self.session)
+        out = self.folder / "undistorted"
+        depth_word = depth_text(depth)
+        return shell_line(
+            "calib", "undistort", self.folder, pictures, "--depth", depth_word, "-o", out
         )
 
     def uses(self, depth: float, *, mapped: bool) -> tuple[str, ...]:
@@ -137,24 +138,12 @@ class NextCommands:
         return straight + (() if mapped else (self.export(depth),))
 
     def report(self) -> str:
-        return shlex.join(["calib", "report", str(self.folder)])
+        return shell_line("calib", "report", self.folder)
 
     def export(self, depth: float) -> str:
         """Return the export of maps for a depth in m."""
-        folder = str(self.folder)
-        return shlex.join(
-            [
-                "calib",
-                "export",
-                folder,
-                "--format",
-                "npz",
-                "--depth",
-                depth_text(depth),
-                "-o",
-                str(self.folder / "export"),
-            ]
-        )
+        options = ["--format", "npz", "--depth", depth_text(depth), "-o"]
+        return shell_line("calib", "export", self.folder, *options, self.folder / "export")
 
 
 def is_described(session: Path) -> bool:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from calib.commands.arguments import positive_number, quoted
 from calib.io.numerals import whole_number
+from calib.io.shell import shell_path
 
 POSES = 8
 """Poses of a session; from six on, its maps are as exact as those of 24 boards or more."""
@@ -118,7 +119,7 @@ def record_screen(args: argparse.Namespace) -> None:
             tell("Ended. The same command goes on.")
         print(harmless(f"{len(session.pixels)} of {poses} poses in {args.session}."))
         if len(session.pixels) >= poses:
-            tell(f"Next: calib fit {args.session}")
+            tell(f"Next: calib fit {shell_path(args.session)}")
 
 
 def _print_address(address: str, has_token: bool) -> None:

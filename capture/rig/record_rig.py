@@ -6,6 +6,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from calib.commands.board_options import board_from_options
 from calib.commands.printing import print_json
 from calib.errors import InputError, NotEnoughDataError, RefracalError
+from calib.io.shell import shell_path
 from calib.session.board import Board
 from capture.finders import make_finder
 from capture.interrupt import stop_on_signal
@@ -28,7 +29,7 @@ def record_rig(args: argparse.Namespace) -> None:
     if args.bare:
         raise InputError(
             "--bare is for one camera at a time: record into the session of each, such as"
-            f" capture record {args.session / next(iter(sources))} --source ... --bare."
+            f" capture record {shell_path(args.session / next(iter(sources)))} --source ... --bare."
         )
     rig = RigFolder.of(args.session, tuple(sources))
     likes = read_likes(args.cover_from or (), tuple(sources))

@@ -1,6 +1,5 @@
 """The folder of a rig: its rig.yaml, read or made, and the sessions of its cameras."""
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ import yaml
 from calib.errors import InputError
 from calib.io.files import reading
 from calib.io.images import list_images
+from calib.io.shell import shell_line
 from calib.io.yaml_reader import read_yaml
 from calib.rig.rig_file import BY_NAME, FORMAT, NAME
 from calib.session.board import Board
@@ -33,7 +33,7 @@ class RigFolder:
     @property
     def fit_command(self) -> str:
         """The command that comes after the recording."""
-        return shlex.join(["calib", "rig", "fit", str(self.path), "-o", f"{self.path}/calibration"])
+        return shell_line("calib", "rig", "fit", self.path, "-o", self.path / "calibration")
 
     @staticmethod
     def of(path: Path, cameras: Sequence[str]) -> "RigFolder":

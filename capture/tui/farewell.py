@@ -2,7 +2,6 @@
 command.
 """
 
-import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from operator import attrgetter
@@ -12,6 +11,7 @@ from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.fitting.supported_depths import doubtful_depths
 from calib.io.images import frames_folder, list_images
+from calib.io.shell import shell_line
 from calib.verdict.verdict import Trust
 
 CALIBRATION = "calibration.yaml"
@@ -123,7 +123,7 @@ def select_newer(calibration: Path, paths: Iterable[Path]) -> Sequence[Path]:
 
 def shell_command(*words: str | Path) -> str:
     """Return a command that can be typed in a terminal."""
-    return harmless(runnable_command(shlex.join(map(str, words))))
+    return harmless(runnable_command(shell_line(*words)))
 
 
 def _supported_depth(

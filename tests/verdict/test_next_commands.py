@@ -38,6 +38,26 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
     assert shlex.split(commands.undistort(0.5)) == words
 
 
+def test_no_path_is_taken_for_an_option() -> None:
+    commands = NextCommands(Path("-s"), Path("-s/calibration"), Settings(), pictures=Path("-s"))
+    session = NextCommands(Path("-s"), Path("-out"), Settings(), pictures=Path("-s"))
+    for line in (
+        commands.fit(),
+        session.fit(),
+        commands.capture(),
+        commands.diagnose("--holdout", "h"),
+        commands.check("PICTURES"),
+        commands.evaluate(),
+        session.undistort(0.5),
+        session.report(),
+        session.export(0.5),
+    ):
+        options = {"--depth", "--format", "--holdout", "-o"}
+        words = shlex.split(line)
+        assert {word for word in words if word.startswith("-")} <= options, line
+        assert any(word.startswith("./-") for word in words)
+
+
 def test_a_straight_picture_comes_first_and_a_written_map_is_not_exported_again(
     tmp_path: Path,
 ) -> None:

@@ -1,0 +1,36 @@
+"""Printed commands can be typed, whatever their paths are called."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from calib.io.shell import shell_line, shell_path
+
+ROOT = Path(__file__).parents[2]
+EXCEPTIONS = {"calib/io/shell.py", "calib/fleet/cluster.py"}
+"""The place that quotes paths, and values of variables that are no paths."""
+
+
+@pytest.mark.parametrize(
+    ("path", "word"),
+    [
+        ("s", "s"),
+        ("-dash", "./-dash"),
+        ("-a b/c", "'./-a b/c'"),
+        ("in/-dash", "in/-dash"),
+        ("/-dash", "/-dash"),
+    ],
+)
+def test_a_path_that_begins_with_a_dash_is_no_option(path: str, word: str) -> None:
+    assert shell_path(Path(path)) == word
+    assert shell_line("calib", Path(path), "--depth") == f"calib {word} --depth"
+
+
+def test_every_printed_path_is_quoted_in_one_place() -> None:
+    quoting = re.compile(r"shlex\.(quote\(str\(|quote\(f|join\(map)")
+    for package in ("calib", "capture"):
+        for file in (ROOT / package).rglob("*.py"):
+            name = file.relative_to(ROOT).as_posix()
+            if name not in EXCEPTIONS:
+                assert not quoting.search(file.read_text(encoding="utf-8")), name
