@@ -172,9 +172,15 @@ class Parser(argparse.ArgumentParser):
         return ""
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        """Return the value that a word stands for. A word that is no whole number gets a sentence
-        that says so.
+        """Return the value that a word stands for. An empty word, and one that is no whole number,
+        get a sentence that says so.
+
+        Path("") is the current folder, so an unset variable of a shell must not become a path.
         """
+        if not arg_string and arg_string != action.default:
+            raise argparse.ArgumentError(
+                action, "the word is empty: write it, or set the variable that it comes from"
+            )
         if action.type is int and not re.fullmatch(r"[+-]?[0-9]+", arg_string):
             raise argparse.ArgumentError(action, f"{brief(repr(arg_string))} is not a whole number")
         return super()._get_value(action, arg_string)

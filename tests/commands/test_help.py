@@ -12,6 +12,7 @@ from calib.commands.command_line import _parser
 from calib.commands.parser import command_name, examples_of
 from calib.commands.verdict_lines import print_verdict
 from calib.verdict.verdict import Reason, Trust, Verdict
+from capture.cli import main as capture_main
 
 PARSER = _parser("calib", "", cli.COMMANDS, cli.GROUPS)
 
@@ -145,6 +146,42 @@ def test_an_option_of_the_cover_has_the_words_of_each_shape(
 
 def test_a_word_behind_two_dashes_is_no_option() -> None:
     assert PARSER.parse_args(["fit", "--", "--bord"]).session == [Path("--bord")]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fit", ""],
+        ["fit", "s", "-o", ""],
+        ["fit", "s", "--output="],
+        ["evaluate", "c", ""],
+        ["check", "", "p"],
+        ["batch", "", "-o", "fleet"],
+        ["import", "images", "p", "-o", ""],
+        ["demo", "-o", ""],
+    ],
+)
+def test_an_empty_word_is_not_the_current_folder(
+    words: list[str],
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A shell puts it in the place of a variable that is not set."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2
+    assert "is empty: write it, or set the variable" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
+def test_capture_refuses_an_empty_word(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["record", "", "--source", "folder:p"], ["record", "s", "--source", ""], [""]):
+        with pytest.raises(SystemExit) as ended:
+            capture_main(words)
+        assert ended.value.code == 2
+        assert "is empty: write it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
