@@ -47,9 +47,11 @@ FORGOTTEN = (
 )
 IMMERSED = {
     WATER: "the pictures were taken under water, and the calibration is for air: calib immerse"
-    f" --outside-index {MEDIA[WATER]:g} makes one for water",
+    f" CALIBRATION --outside-index {MEDIA[WATER]:g}, with the calibration that was checked, makes"
+    " one for water",
     AIR: "the pictures were taken in air, and the calibration is for water: calib immerse"
-    f" --outside-index {MEDIA[AIR]:g} makes one for air",
+    f" CALIBRATION --outside-index {MEDIA[AIR]:g}, with the calibration that was checked, makes"
+    " one for air",
 }
 OTHER_CAMERA = "other_camera"
 ANOTHER = (

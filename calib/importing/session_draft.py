@@ -14,7 +14,7 @@ import yaml
 
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
-from calib.errors import InputError
+from calib.errors import InputError, harmless
 from calib.io.files import make_folder, write_atomically
 from calib.io.frames_table import NAME, columns, to_csv
 from calib.session.board import Board
@@ -110,7 +110,8 @@ def new_folder(folder: Path) -> Iterator[Path]:
 def _fill(draft: SessionDraft, folder: Path, setup: dict[str, object]) -> int:
     """Write the session's files, check them, and return the count."""
     content = {"format": 1, **setup} | ({"corners": "corners.vnl"} if draft.views else {})
-    head = COVER.format(source=draft.source.name) + "".join(f"# {line}\n" for line in draft.remarks)
+    head = COVER.format(source=harmless(draft.source.name))
+    head += "".join(f"# {harmless(line)}\n" for line in draft.remarks)
     write_atomically(
         folder / "session.yaml",
         head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120),

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from calib.errors import InputError
+from calib.errors import InputError, harmless
 from calib.importing.session_draft import SessionDraft, new_folder, write_session
 from calib.io.files import write_atomically
 from calib.rig.rig_file import BY_NAME, FORMAT, NAME
@@ -140,7 +140,7 @@ class ImportedRig:
             f" {camera.angle_deg:.3f} degrees.\n"
             for camera in others
         ]
-        return HEAD.format(source=self.source.name) + "".join(lines)
+        return HEAD.format(source=harmless(self.source.name)) + "".join(lines)
 
 
 def write_rig(rig: ImportedRig, folder: Path) -> int:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import yaml
 
+from calib.errors import harmless
 from calib.session.board_section import EXAMPLES, KEYS, explain_keys
 from calib.session.camera import EXPLANATIONS as CAMERA
 from calib.session.cover_section import SURFACE_EXPLANATION, SURFACE_KEY
@@ -43,7 +44,7 @@ def commented_session(
     kind = str(board.get("type", "checkerboard"))
     shape = find_shape(str(cover["shape"]))
     lines = [
-        *(f"# {remark}" for remark in remarks),
+        *(f"# {harmless(remark)}" for remark in remarks),
         HEAD + "format: 1",
         "",
         "board:",

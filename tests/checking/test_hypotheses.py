@@ -2,12 +2,16 @@
 explanation.
 """
 
+import re
+
 import numpy as np
 import pytest
 import torch
 
-from calib.checking.hypotheses import OTHER_CAMERA, Hypothesis, _bounded, _explains
+from calib import cli
+from calib.checking.hypotheses import IMMERSED, OTHER_CAMERA, Hypothesis, _bounded, _explains
 from calib.checking.picture_mode import PictureMode
+from calib.commands.command_line import _parser
 from calib.effects.effect import Effect
 from calib.effects.focal import Focal
 from calib.estimation.residuals import Residuals
@@ -43,3 +47,11 @@ def test_a_change_that_leaves_most_of_a_large_error_explains_nothing(
     fit = Hypothesis("focal", 1.0, residuals=Residuals(image, image))
     assert _explains(fit, error=3.0, sigma=0.01) is explains
     assert _explains(fit, error=3.0, sigma=0.3), "an error near the noise"
+
+
+def test_the_advice_on_another_medium_is_a_whole_command() -> None:
+    parser = _parser("calib", "", cli.COMMANDS, cli.GROUPS)
+    for words in IMMERSED.values():
+        command = re.search("calib (immerse .*), with", words)
+        assert command
+        parser.parse_args(command[1].split())

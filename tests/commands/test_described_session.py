@@ -136,6 +136,20 @@ def test_pictures_without_a_session_are_evaluated(
     assert "held out is of 20x10 px and the calibration for" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["new\nline", "\u2028", "a\x85b", "tab\tand \x1b[1m"])
+def test_a_folder_may_have_any_name(name: str, photos: Path) -> None:
+    """It stands in a comment of session.yaml, which ends at the end of the line."""
+    folder = photos.rename(name)
+    session = described(str(folder), *BOARD)
+    assert len(session.frames) == 8
+    imported = Path("imported")
+    assert main(["import", "images", str(folder), *BOARD, "-o", str(imported)]) == 0
+    for file in (folder / "session.yaml", imported / "session.yaml"):
+        line, *_ = file.read_text().splitlines()
+        assert line.startswith("#")
+        assert line.isprintable()
+
+
 def test_a_pattern_stands_for_its_pictures(photos: Path) -> None:
     assert described(f"{photos}/*.png", *BOARD).path == photos
     some = described(f"{photos}/shot [1-5].png", *BOARD)
