@@ -4,6 +4,7 @@ PyYAML follows YAML 1.1, so the plain scalars of YAML 1.2's core schema are reso
 """
 
 import re
+import unicodedata
 from pathlib import Path
 
 import yaml
@@ -17,6 +18,10 @@ MAX_LEVELS = 60
 """The largest number of nested levels of mappings and lists; our files have eight."""
 MAX_NODES = 1_000_000
 """The largest number of keys and values, each counted as often as aliases repeat it."""
+
+
+MISALIGNED = "mapping values are not allowed here"
+"""PyYAML's words on a second colon: mostly, a key is indented more than those before it."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -48,7 +53,7 @@ def read_yaml(path: Path) -> dict[str, object]:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark else ""
         raise InputError(
-            f"{path}{line}: {brief(error.problem or error.context)}: correct the YAML there."
+            f"{path}{line}: {brief(error.problem or error.context)}: {_advice(text, error)}."
         ) from error
     except RecursionError as error:
         raise InputError(
@@ -64,6 +69,24 @@ def read_yaml(path: Path) -> dict[str, object]:
     if not isinstance(content, dict):
         raise InputError(f"{path} is not a mapping: write its keys, one key: value on a line.")
     return content
+
+
+def _advice(text: str, error: yaml.MarkedYAMLError) -> str:
+    """Return what to correct in a text that is not YAML, as the end of a sentence."""
+    mark = error.problem_mark or error.context_mark
+    lines = text.splitlines()
+    line = lines[mark.line] if mark and mark.line < len(lines) else ""
+    odd = next((c for c in line if unicodedata.category(c) in ("Zs", "Cf") and c != " "), "")
+    if odd:
+        return (
+            f"the line has a {unicodedata.name(odd, 'strange blank').lower()}: type a plain space"
+        )
+    if error.problem == MISALIGNED:
+        return (
+            "begin the keys of one section in the same column, and put a text with a colon in"
+            " quotes"
+        )
+    return "correct the YAML there"
 
 
 def _load(text: str) -> object:

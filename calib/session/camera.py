@@ -37,6 +37,10 @@ PINHOLE = (
     Quantity("cx"),
     Quantity("cy"),
 )
+INTRINSICS_KEYS = (
+    *(quantity.key for quantity in PINHOLE),
+    *("distortion", "correlations", "model", "spline"),
+)
 COEFFICIENT = Quantity("distortion", wide=UNKNOWN_RADIAL)
 TANGENTIAL_COEFFICIENT = replace(COEFFICIENT, wide=UNKNOWN_TANGENTIAL)
 UNKNOWN_COEFFICIENTS = 5
@@ -139,7 +143,7 @@ class Camera:
 
 def read_camera(section: Section) -> Camera:
     """Read the section `camera` of session.yaml; raise InputError if it is not valid."""
-    section.allow_only(tuple(EXPLANATIONS))
+    section.allow_only(tuple(EXPLANATIONS), inner={"intrinsics": INTRINSICS_KEYS})
     counts = f"one of the whole numbers {', '.join(map(str, COEFFICIENTS))}"
     width = section.integer("width", 1, 100_000)
     height = section.integer("height", 1, 100_000)
@@ -217,9 +221,7 @@ def _read_intrinsics(camera: Section, size: tuple[int, int]) -> Intrinsics:
     section = camera.section(
         "intrinsics", "{fx: 1279.2, fy: 1279.2, cx: 832.8, cy: 636.6, distortion: [0, 0, 0, 0, 0]}"
     )
-    section.allow_only(
-        (*(quantity.key for quantity in PINHOLE), "distortion", "correlations", "model", "spline")
-    )
+    section.allow_only(INTRINSICS_KEYS)
     model = (
         section.choice("model", MODELS, f"one of {', '.join(MODELS)}")
         if "model" in section.values

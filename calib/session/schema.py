@@ -4,11 +4,13 @@ instead.
 
 import math
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
 from calib.errors import InputError, brief, meant
+from calib.session.number_spelling import spelling_advice
 from calib.session.tolerances import WidePrior
 
 T = TypeVar("T", int, str)
@@ -133,24 +135,63 @@ class Section:
 
     def error(self, key: str, value: object, expected: str) -> InputError:
         """Return the error that the key has this value, and what to write instead."""
-        if isinstance(value, str) and _is_number(value) and "number" in expected:
-            return InputError(
-                f'{self.file}: {self.key_path(key)} is the text "{brief(value)}": drop the quotes.'
-            )
+        if isinstance(value, str) and "number" in expected:
+            has_sigma = expected.startswith("a number") and key != "sigma"
+            if advice := spelling_advice(key, value, has_sigma=has_sigma):
+                text = f'{self.file}: {self.key_path(key)} is the text "{brief(value)}"'
+                return InputError(f"{text}: {advice}.")
         return InputError(
             f"{self.file}: {self.key_path(key)} is {_describe(value)}: write {expected}."
         )
 
-    def allow_only(self, allowed: Sequence[str], kind: str = "known key") -> None:
-        """Raise InputError if the mapping has any other key."""
+    def allow_only(
+        self,
+        allowed: Sequence[str],
+        kind: str = "known key",
+        inner: Mapping[str, Sequence[str]] | None = None,
+    ) -> None:
+        """Raise InputError if the mapping has any other key.
+
+        Args:
+            kind: what the key is not, in the message.
+            inner: the keys of the mappings within this one, by the key of the mapping: they stand
+                here where their indentation is missing.
+        """
         for key in self.values:
             if key not in allowed:
+                if advice := self._spelling_advice(key, allowed):
+                    raise InputError(
+                        f"{self.file}: {self.key_path(brief(key))} is no key: {advice}."
+                    )
+                outer = next((name for name, keys in (inner or {}).items() if key in keys), "")
+                if outer:
+                    raise InputError(
+                        f"{self.file}: {self.key_path(key)} is a key of {self.key_path(outer)}:"
+                        f" indent its line by two blanks more than {outer}."
+                    )
                 close = meant(key, allowed)
                 hint = f" (did you mean {close}?)" if close else ""
                 raise InputError(
                     f"{self.file}: {self.key_path(brief(key))} is not a {kind}{hint}: allowed here"
                     f" are {', '.join(allowed)}."
                 )
+
+    def _spelling_advice(self, key: str, allowed: Sequence[str]) -> str:
+        """Return what to write in place of a key that came of a missing blank or a decimal comma;
+        empty if it came of something else.
+        """
+        name, colon, value = key.partition(":")
+        if colon and name.strip() in allowed:
+            blank = unicodedata.name(value[:1], "").lower() if value[:1].isspace() else ""
+            exception = f", not a {blank}" if blank else ""
+            pair = f"{name.strip()}: {brief(value.strip())}"
+            return f"write {pair}, with a space behind the colon{exception}"
+        keys = list(self.values)
+        before = keys[keys.index(key) - 1]
+        number = self.values[before]
+        if key.isdecimal() and self.values[key] is None and type(number) is int:
+            return f"write {before}: {number}.{key} with a decimal point"
+        return ""
 
     def get(self, key: str, expected: str) -> object:
         """Return the value; raise InputError if the key is missing."""
@@ -268,13 +309,6 @@ def _finite_number(value: object) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return None
     return float(value)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
 
 
 def _describe(value: object) -> str:

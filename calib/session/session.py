@@ -15,8 +15,9 @@ from calib.io.shell import shell_path
 from calib.io.videos import VIDEOS
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
-from calib.session.board_section import board_to_yaml, read_board
+from calib.session.board_section import KEYS, board_to_yaml, read_board
 from calib.session.camera import (
+    EXPLANATIONS,
     Camera,
     Intrinsics,
     camera_to_yaml,
@@ -33,6 +34,7 @@ from calib.session.numbers import check_correlations
 from calib.session.point_target import PITCH, PointTarget, PointView
 from calib.session.points_file import FOLDER, point_files, read_point_view
 from calib.session.schema import Number, Section
+from calib.session.shapes.registry import dimensions
 
 __all__ = [
     "MIN_FIT_VIEWS",
@@ -52,6 +54,12 @@ FORMAT = 1
 MIN_FIT_VIEWS = 3
 """Views that a fit needs."""
 PRIOR_KEY = "prior"
+INNER_KEYS = {
+    "board": tuple(key for keys in KEYS.values() for key in keys),
+    "camera": tuple(EXPLANATIONS),
+    "cover": ("shape", *(entry.quantity.key for entry in dimensions())),
+}
+"""The keys of each section of session.yaml."""
 TARGET_KEY = "target"
 POINTS = "points"
 """The type of a target whose points come with each view."""
@@ -209,7 +217,8 @@ def _read(path: Path, bare_of: Session | None) -> Session:
             "corners",
             TARGET_KEY,
             *(() if bare_of else (PRIOR_KEY,)),
-        )
+        ),
+        inner=INNER_KEYS,
     )
     board, camera, cover = _read_setup(section)
     camera = without_unknown(camera)
