@@ -18,7 +18,14 @@ from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.io.depth_image import depth_image_for
 from calib.io.files import make_folder, reading
-from calib.io.images import SIXTEEN_BIT, SUFFIXES, TYPES, list_images, read_image
+from calib.io.images import (
+    SIXTEEN_BIT,
+    SUFFIXES,
+    TYPES,
+    DamagedPictureError,
+    list_images,
+    read_image,
+)
 from calib.io.output_folder import OutputFolder
 from calib.io.videos import VIDEOS, list_videos
 from calib.progress import Progress
@@ -38,6 +45,8 @@ class UndistortedFiles:
     """The files that were written."""
     cut_off: tuple[str, ...]
     """A sentence for each video that is cut off."""
+    damaged: tuple[str, ...]
+    """A sentence for each picture of a folder that is damaged, and left out."""
     black: float
     """0 to 1, the part of the last picture that the camera does not see."""
 
@@ -69,6 +78,7 @@ def undistort_files(
     """Undistort pictures and videos into a folder.
 
     Raises:
+        DamagedPictureError: a picture that was named is damaged, or all pictures of a folder.
         InputError: a file cannot be read or written, or a foreign file has the name of a new one.
             Foreign files are found before anything is written.
     """
@@ -91,6 +101,7 @@ def undistort_files(
     advance = progress.task("Undistort", len(paths))
     written: list[Path] = []
     cut_off: list[str] = []
+    damaged: list[str] = []
     for done, path in enumerate(paths):
         advance(done, path.name)
         if isinstance(options.depth, Path) and options.depth.is_dir() and done:
@@ -100,15 +111,21 @@ def undistort_files(
             written.append(target)
             cut_off += filter(None, [sentence])
         else:
-            image = _encode(_undistort_picture(path, undistorter), path)
+            try:
+                picture = read_image(path)
+            except DamagedPictureError as error:
+                if path in inputs or (done == len(paths) - 1 and not written):
+                    raise
+                damaged.append(str(error))
+                continue
+            image = _encode(_undistort_picture(path, picture, undistorter), path)
             written.append(output.write(path.name, image))
     advance(len(paths), "")
     black = 1 - float(undistorter.valid.mean())
-    return UndistortedFiles(tuple(written), tuple(cut_off), black)
+    return UndistortedFiles(tuple(written), tuple(cut_off), tuple(damaged), black)
 
 
-def _undistort_picture(path: Path, undistorter: Undistorter) -> Image:
-    image = read_image(path)
+def _undistort_picture(path: Path, image: Image, undistorter: Undistorter) -> Image:
     try:
         return undistorter.undistort(image)
     except InputError as error:

@@ -152,7 +152,7 @@ def _straighten_files(
     args: argparse.Namespace, calibration: "Calibration", progress: "Progress"
 ) -> Straightened:
     from calib.apply.undistort_files import UndistortOptions, undistort_files
-    from calib.errors import InputError
+    from calib.errors import InputError, harmless
     from calib.io.images import SUFFIXES
     from calib.io.output_folder import OutputFolder
 
@@ -173,6 +173,8 @@ def _straighten_files(
         args.output, overwrite=args.overwrite, inputs=calibration_files(args.calibration)
     )
     done = undistort_files(calibration, args.images, wanted, output, progress)
+    for sentence in done.damaged:
+        print(harmless(f"calib: left out: {sentence}"), file=sys.stderr)
     remark = ""
     if args.crop is None and args.depth is not None and done.black:
         remark = (

@@ -27,7 +27,7 @@ from calib.corners.view import RejectedPicture, View
 from calib.corners.weights import weigh_views
 from calib.errors import InputError, NotEnoughDataError, OtherBoardError
 from calib.io.files import read_file, write_atomically
-from calib.io.images import read_grey
+from calib.io.images import DamagedPictureError, read_grey
 from calib.session.board import Board
 from calib.session.board_section import board_to_yaml
 
@@ -50,6 +50,10 @@ they are searched for other boards.
 
 class OtherSize(NotFound):
     """The picture has another size than the camera's pictures."""
+
+
+class Damaged(NotFound):
+    """The file holds no whole picture of a type that is read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +86,7 @@ def detect(
         min_views: pictures that must show the board, if there are so many.
 
     Raises:
+        DamagedPictureError: at least half of the pictures are damaged.
         InputError: the target is one of points, a picture cannot be read, or at least half of them
             have another size.
         NotEnoughDataError: hardly any picture shows the board.
@@ -112,9 +117,13 @@ def detect(
                 hits += isinstance(result, Detection)
                 if progress is not None:
                     progress(len(results), hits)
+            damaged = [i for i, result in results.items() if isinstance(result, Damaged)]
+            if 2 * len(damaged) >= len(paths) or len(damaged) == len(results):
+                read_grey(paths[min(damaged)])  # raises with the reason
             strays = {i: r.reason for i, r in results.items() if isinstance(r, OtherSize)}
-            usable = len(paths) - len(strays)
-            if usable < min(min_views, len(paths)) or len(strays) >= min(usable, len(results)):
+            usable = len(paths) - len(strays) - len(damaged)
+            too_few = usable < min(min_views, len(paths) - len(damaged))
+            if strays and (too_few or len(strays) >= min(usable, len(results))):
                 first = min(strays)
                 raise InputError(
                     f"{paths[first]} {strays[first]}, and too few pictures have that size: correct"
@@ -122,18 +131,22 @@ def detect(
                     " camera mode."
                 )
             if batch is sample and not hits:
-                _refuse_other_board([paths[i] for i in sample], board)
+                _refuse_other_board([paths[i] for i in sample if i not in damaged], board)
     finally:
         for store in stores.values():
             store.save()
     if hits < min(min_views, len(paths)) or hits < MIN_FRACTION * usable:
         if hits:
             _refuse_other_board(
-                [paths[i] for i in (*sample, *remainder) if isinstance(results[i], NotFound)][
-                    :SAMPLE_SIZE
-                ],
+                [
+                    paths[i]
+                    for i in (*sample, *remainder)
+                    if isinstance(results[i], NotFound) and i not in damaged
+                ][:SAMPLE_SIZE],
                 board,
             )
+        if damaged and hits + len(damaged) >= min(min_views, len(paths)):
+            read_grey(paths[min(damaged)])  # raises with the reason
         reasons = Counter(
             result.reason for result in results.values() if isinstance(result, NotFound)
         )
@@ -229,7 +242,7 @@ class _Store:
         """Return the stored result, or decode the picture and search it. Safe in several threads.
 
         Raises:
-            InputError: the picture cannot be read.
+            InputError: the picture's file cannot be read.
         """
         try:
             digest = hashlib.sha256(read_file(path)).hexdigest()
@@ -238,7 +251,10 @@ class _Store:
         with suppress(ValueError, KeyError, TypeError, OverflowError):
             result, size = _from_entry(self._files[path.name], digest, self._board)
             return self._wrong_size(size) or result
-        grey = read_grey(path)
+        try:
+            grey = read_grey(path)
+        except DamagedPictureError as error:
+            return Damaged(error.reason)
         height, width = grey.shape
         if wrong := self._wrong_size((width, height)):
             return wrong

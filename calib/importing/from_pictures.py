@@ -9,7 +9,14 @@ from calib.importing.session_draft import SessionDraft
 from calib.io.camera_names import choose_camera
 from calib.io.exif import camera_settings, describe_differences, list_names
 from calib.io.files import read_file, reading
-from calib.io.images import TYPES, list_images, list_unread, most_frequent_size, stated_size
+from calib.io.images import (
+    TYPES,
+    DamagedPictureError,
+    list_images,
+    list_unread,
+    most_frequent_size,
+    stated_size,
+)
 from calib.session.board import Board
 from calib.session.camera import Camera
 
@@ -40,7 +47,7 @@ class UniformPictures:
     size: tuple[int, int]
     """Width and height, px."""
     stray_notices: tuple[str, ...]
-    """A sentence on the pictures of other sizes, if there are any."""
+    """Sentences on the pictures of other sizes and on damaged ones, if there are any."""
     difference_notices: tuple[str, ...]
     """Sentences on pictures of different cameras, lenses or settings."""
 
@@ -94,14 +101,22 @@ def uniform_pictures(folder: Path, paths: Sequence[Path]) -> UniformPictures:
     """Return those of a folder's pictures that have the size of most of them.
 
     Raises:
-        InputError: one is damaged, or no size is that of more than half of them.
+        DamagedPictureError: at least half of the pictures are damaged.
+        InputError: no size is that of more than half of them.
     """
     sizes = {}
     settings = {}
+    damaged: dict[Path, DamagedPictureError] = {}
     for path in paths:
         data = read_file(path)
-        sizes[path] = stated_size(path, data)
+        try:
+            sizes[path] = stated_size(path, data)
+        except DamagedPictureError as error:
+            damaged[path] = error
         settings[path] = camera_settings(data)
+    if damaged and 2 * len(damaged) >= len(paths):
+        raise next(iter(damaged.values()))
+    paths = tuple(sizes)
     width, height = size = most_frequent_size(sizes)
     uniform = tuple(path for path in paths if sizes[path] == size)
     strays = [path for path in paths if sizes[path] != size]
@@ -120,6 +135,11 @@ def uniform_pictures(folder: Path, paths: Sequence[Path]) -> UniformPictures:
         stray_notices.append(
             f"left out, pictures of another size than {width}x{height} px: {stray_words}."
         )
+    if damaged:
+        damaged_words = list_names(
+            [f"{brief(_name(path, folder))} ({error.reason})" for path, error in damaged.items()]
+        )
+        stray_notices.append(f"left out, damaged pictures: {damaged_words}.")
     differences = describe_differences({_name(path, folder): settings[path] for path in uniform})
     return UniformPictures(uniform, size, tuple(stray_notices), differences)
 

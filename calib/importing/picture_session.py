@@ -8,6 +8,7 @@ import os
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from glob import has_magic
 from pathlib import Path
@@ -23,7 +24,15 @@ from calib.importing.from_video import from_video, sharpest_frames
 from calib.io.camera_names import ALL, choose_camera
 from calib.io.exif import camera_settings
 from calib.io.files import make_folder, read_file, reading
-from calib.io.images import SUFFIXES, TYPES, list_images, list_unread, read_grey, session_pictures
+from calib.io.images import (
+    SUFFIXES,
+    TYPES,
+    DamagedPictureError,
+    list_images,
+    list_unread,
+    read_grey,
+    session_pictures,
+)
 from calib.io.output_folder import LEDGER, OutputFolder
 from calib.io.shell import shell_path
 from calib.io.videos import VIDEOS, list_videos
@@ -239,8 +248,11 @@ def _pictures_of(pictures: Sequence[Path], camera: str | None) -> tuple[tuple[Pa
 
 
 def sample(source: NamedPictures, count: int, progress: Progress) -> list[NDArray[np.uint8]]:
-    """Return up to `count` of the pictures, spread over all of them, as (H, W) grey; of a video
-    sharp ones.
+    """Return up to `count` of the pictures, spread over all of them, as (H, W) grey, without
+    damaged ones; of a video sharp ones.
+
+    Raises:
+        DamagedPictureError: all of them are damaged.
     """
     if source.video:
         return [
@@ -249,7 +261,13 @@ def sample(source: NamedPictures, count: int, progress: Progress) -> list[NDArra
         ]
     last = len(source.pictures) - 1
     numbers = sorted({round(index) for index in np.linspace(0, last, count)})
-    return [eight_bits(read_grey(source.pictures[number])) for number in numbers]
+    pictures = []
+    for number in numbers:
+        with suppress(DamagedPictureError):
+            pictures.append(eight_bits(read_grey(source.pictures[number])))
+    if not pictures:
+        read_grey(source.pictures[0])  # raises with the reason
+    return pictures
 
 
 def check_replaceable(source: NamedPictures) -> None:

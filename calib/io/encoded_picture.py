@@ -28,6 +28,8 @@ PNM = (b"P5", b"P6")
 """Grey and coloured pixels of a portable anymap, in bytes."""
 PNM_TEXT = (b"P2", b"P3")
 """The same in decimal numbers."""
+TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+"""Both orders of bytes, with offsets of 32 and of 64 bits."""
 FRAME_MARKERS = frozenset((*range(0xC0, 0xD0),)) - {0xC4, 0xC8, 0xCC}
 """The JPEG markers of a frame header, which holds the picture's size."""
 _JPEG_MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
@@ -221,9 +223,6 @@ HEADERS: Mapping[bytes, Callable[[bytes], PictureHeader]] = {
     EXR: _exr_header,
     WEBP: _webp_header,
     **dict.fromkeys((*PNM, *PNM_TEXT), _pnm_header),
-    b"II*\0": _tiff_header,
-    b"MM\0*": _tiff_header,
-    b"II+\0": _tiff_header,
-    b"MM\0+": _tiff_header,
+    **dict.fromkeys(TIFF, _tiff_header),
 }
 """For the first bytes of each type of file, the function that reads its header."""

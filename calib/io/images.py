@@ -8,6 +8,7 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -21,6 +22,7 @@ from calib.io.encoded_picture import (
     JPEG,
     PNG,
     PNM,
+    TIFF,
     WEBP,
     TooLargeError,
     decode_picture,
@@ -47,7 +49,24 @@ OTHER_PICTURES = (
 )
 """Suffixes of pictures and videos that are not read as pictures."""
 
+HEIF = {
+    **dict.fromkeys((b"ftypheic", b"ftypheix", b"ftypheif", b"ftypmif1", b"ftypmsf1"), "HEIC"),
+    **dict.fromkeys((b"ftypavif", b"ftypavis"), "AVIF"),
+}
+"""For bytes 4 to 12 of pictures of phones, which may have the suffix of another type, their type."""
+
 Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+class DamagedPictureError(InputError):
+    """The error of a file that holds no whole picture of a type that is read."""
+
+    def __init__(self, path: Path, reason: str, advice: str) -> None:
+        """The reason is what follows the name of the file in a list of pictures that are left
+        out.
+        """
+        super().__init__(f"{path} {reason}: {advice}.")
+        self.reason = reason
 
 
 def list_images(folder: Path) -> tuple[Path, ...]:
@@ -98,24 +117,41 @@ def read_image(path: Path) -> Image:
     and without an alpha channel.
 
     Raises:
-        InputError: the file cannot be read, or is not a complete picture.
+        DamagedPictureError: the file is not a complete picture.
+        InputError: the file cannot be read.
     """
-    data = read_file(path)
-    if not data:
-        raise InputError(f"{path} is an empty file: copy it again, or remove it.")
+    return _decode(path, read_file(path))
+
+
+def _decode(path: Path, data: bytes) -> Image:
+    """Return the pixels of a file with these bytes; DamagedPictureError if it is not whole."""
+    _check_complete(path, data)
     if path.suffix.lower() == ".npy":
         return _check_pixels(path, _decode_npy(path, data))
-    for magic, is_complete in COMPLETENESS_CHECKS.items():
-        if data.startswith(magic) and not is_complete(data):
-            raise InputError(f"{path} is truncated or damaged: copy it again, or remove it.")
     try:
         return _check_pixels(path, decode_picture(data))
     except TooLargeError as error:
-        raise InputError(f"{path} is {error}: give a smaller picture, or remove it.") from error
-    except ValueError as error:
-        raise InputError(
-            f"{path} is not an image, or a damaged one: replace it by a {TYPES} file, or remove it."
+        raise DamagedPictureError(
+            path, f"is {error}", "give a smaller picture, or remove it"
         ) from error
+    except ValueError as error:
+        advice = f"replace it by a {TYPES} file, or remove it"
+        raise DamagedPictureError(path, "is not an image, or a damaged one", advice) from error
+
+
+def _check_complete(path: Path, data: bytes) -> None:
+    """Raise DamagedPictureError if a file is empty, of a type that only its name hides, or shorter
+    than it says; the pixels are not decoded.
+    """
+    if not data:
+        raise DamagedPictureError(path, "is an empty file", "copy it again, or remove it")
+    if kind := HEIF.get(data[4:12]):
+        advice = "convert it to png or jpg, or remove it"
+        raise DamagedPictureError(path, f"is {kind} inside, whatever its name says", advice)
+    for magic, is_complete in COMPLETENESS_CHECKS.items():
+        if data.startswith(magic) and not is_complete(data):
+            advice = "copy it again, or remove it"
+            raise DamagedPictureError(path, "is truncated or damaged", advice)
 
 
 def read_grey(path: Path) -> Image:
@@ -133,15 +169,16 @@ def image_size(path: Path) -> tuple[int, int]:
 def stated_size(path: Path, data: bytes) -> tuple[int, int]:
     """Return the width and height that a picture's header states, px; InputError as in
     `read_image`.
+
+    A TIFF is decoded, as only that shows whether it is whole.
     """
-    if path.suffix.lower() == ".npy":
-        height, width = _check_pixels(path, _decode_npy(path, data)).shape[:2]
-        return width, height
-    try:
-        header = read_header(data)
-    except ValueError:  # the decoder says what is wrong, or reads it all the same
-        return image_size(path)
-    return header.width, header.height
+    _check_complete(path, data)
+    if path.suffix.lower() != ".npy" and not data.startswith(TIFF):
+        with suppress(ValueError):  # the decoder says what is wrong, or reads it all the same
+            header = read_header(data)
+            return header.width, header.height
+    height, width = _decode(path, data).shape[:2]
+    return width, height
 
 
 def most_frequent_size(sizes: Mapping[Path, tuple[int, int]]) -> tuple[int, int]:
@@ -158,10 +195,8 @@ def _decode_npy(path: Path, data: bytes) -> NDArray:
     try:
         return decode_npy(data)
     except ValueError as error:
-        raise InputError(
-            f"{path} is not a whole .npy array: write it by numpy.save as (height, width) or"
-            " (height, width, 3) uint8 or uint16."
-        ) from error
+        advice = "write it by numpy.save as (height, width) or (height, width, 3) uint8 or uint16"
+        raise DamagedPictureError(path, "is not a whole .npy array", advice) from error
 
 
 def _check_pixels(path: Path, pixels: NDArray) -> Image:
@@ -170,14 +205,11 @@ def _check_pixels(path: Path, pixels: NDArray) -> Image:
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         pixels = pixels[..., :3]
     if pixels.dtype.kind != "u" or pixels.dtype.itemsize > 2:
-        raise InputError(
-            f"{path} has pixels of type {pixels.dtype}: convert it to uint8 or uint16."
-        )
+        reason = f"has pixels of type {pixels.dtype}"
+        raise DamagedPictureError(path, reason, "convert it to uint8 or uint16")
     if pixels.size == 0 or not (pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3)):
-        raise InputError(
-            f"{path} is an array of shape {pixels.shape}: write it as (height, width) or (height,"
-            " width, 3)."
-        )
+        reason = f"is an array of shape {pixels.shape}"
+        raise DamagedPictureError(path, reason, "write it as (height, width) or (height, width, 3)")
     return _to_native(pixels)
 
 

@@ -221,11 +221,20 @@ def test_a_damaged_picture_is_named_and_the_others_are_kept(
 ) -> None:
     paths = write(tmp_path, views(4))
     paths[3].write_bytes(paths[3].read_bytes()[:2000])
-    with pytest.raises(InputError, match=r"0003\.png is truncated"):
-        detect(paths, BOARD)
+    found = detect(paths, BOARD)
+    assert [view.name for view in found.views] == ["0000.png", "0001.png", "0002.png"]
+    assert [(r.name, r.reason) for r in found.rejected] == [("0003.png", "is truncated or damaged")]
     with pytest.raises(InputError, match=r"gone\.png cannot be read"):
         detect([*paths[:3], tmp_path / "gone.png"], BOARD)
     assert len(looks) == 3
+
+
+def test_pictures_of_which_half_are_damaged_are_refused(tmp_path: Path) -> None:
+    paths = write(tmp_path, views(4))
+    for path in paths[2:]:
+        path.write_bytes(b"")
+    with pytest.raises(InputError, match=r"0002\.png is an empty file: copy it again"):
+        detect(paths, BOARD)
 
 
 @pytest.mark.parametrize(
@@ -237,7 +246,7 @@ def test_a_wrongly_declared_board_is_named(tmp_path: Path, declared: Board) -> N
     with pytest.raises(
         NotEnoughDataError,
         match=(
-            r"board of 9x6 .* in 3 pictures, the declared .*columns: 9, board.rows: 6 in"
+            r"^3 pictures show a board of 9x6 .* the declared .*columns: 9, board.rows: 6 in"
             r" session.yaml"
         ),
     ):

@@ -1,6 +1,7 @@
 """Folders as people have them: stray sizes, foreign types, pairs of cameras, phones' EXIF."""
 
 import gzip
+import json
 from pathlib import Path
 
 import cv2
@@ -70,6 +71,61 @@ def test_what_is_not_read_is_named(
     assert len(names) == 8
     assert f"not read as pictures: {name}. Save them as png, jpg" in notices
     assert "notes" not in notices
+
+
+HEIC = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(100)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("IMG_1.JPG", HEIC, "is HEIC inside, whatever its name says"),
+        ("IMG_1.png", b"", "is an empty file"),
+        ("shot 5.png", None, "is truncated or damaged"),
+        ("a.tif", b"II*\0" + bytes(9), "is not an image, or a damaged one"),
+        ("a.npy", b"\x93NUMPY", "is not a whole .npy array"),
+    ],
+)
+@pytest.mark.usefixtures("without_figures")
+def test_a_damaged_picture_is_left_out_by_name(
+    name: str,
+    content: bytes | None,
+    reason: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = recordings.write_pictures(tmp_path / "p")
+    path = folder / name
+    path.write_bytes(path.read_bytes()[:-2000] if content is None else content)
+    names, notices = imported(folder, capsys)
+    assert name not in names
+    assert len(names) == (7 if content is None else 8)
+    assert f"left out, damaged pictures: {name} ({reason})." in notices
+    assert main(["fit", str(folder), *BOARD, "--json", "-q"]) == 0
+    rejected = json.loads(capsys.readouterr().out)["frames_rejected"]
+    assert rejected == [{"file": name, "reason": reason}]
+    out = str(tmp_path / "straight")
+    words = ["undistort", str(folder / "calibration"), str(folder), "--depth", "0.5", "-o", out]
+    assert main(words) == 0
+    captured = capsys.readouterr()
+    assert len(captured.out.splitlines()) == len(names)
+    assert f"left out: {path} {reason}:" in captured.err
+    words[2] = str(path)
+    assert main(words) == 2, "it was named by itself"
+
+
+@pytest.mark.parametrize("name", ["shot 0.png", "shot 4.png", "shot 7.png"])
+def test_a_board_is_looked_for_in_the_whole_pictures(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = recordings.write_pictures(tmp_path / "p")
+    (folder / name).write_bytes(HEIC)
+    assert main(["fit", str(folder)]) == 2
+    assert "Found a checkerboard of 7x6 inner corners" in capsys.readouterr().err
+    for path in folder.iterdir():
+        path.write_bytes(HEIC)
+    assert main(["fit", str(folder)]) == 2
+    assert "shot 0.png is HEIC inside" in capsys.readouterr().err
 
 
 def test_one_camera_of_a_pair_is_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -83,9 +83,10 @@ def spoiled(spoil: Callable[[Path], object]) -> Callable[[Path], Path]:
     return write
 
 
-def cut(folder: Path) -> None:
-    path = folder / "shot 3.png"
-    path.write_bytes(path.read_bytes()[:3000])
+def cut_half(folder: Path) -> None:
+    for number in range(3, 7):
+        path = folder / f"shot {number}.png"
+        path.write_bytes(path.read_bytes()[:3000])
 
 
 REFUSED = (
@@ -294,7 +295,7 @@ REFUSED = (
     Refused("images missing", "images", lambda folder: folder / "none", "none is not a folder"),
     Refused("images a file", "images", text("a.png", "x"), "a.png is not a folder"),
     Refused("images none", "images", lambda folder: folder, "has no pictures"),
-    Refused("images damaged", "images", spoiled(cut), "/p/shot 3.png is truncated or damaged"),
+    Refused("images damaged", "images", spoiled(cut_half), "/p/shot 3.png is truncated or damaged"),
     Refused(
         "images half of another size",
         "images",

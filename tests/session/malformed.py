@@ -77,6 +77,8 @@ class Malformed:
     spoil: Callable[[Path], object]
     says: tuple[str, ...]
     exit_code: int = 2
+    is_extra: bool = False
+    """A fit leaves the damaged picture out, beside as many good ones as before."""
 
 
 def _replace(file: str, old: str, new: str, count: int = 1) -> Callable[[Path], None]:
@@ -514,17 +516,25 @@ MALFORMED: tuple[Malformed, ...] = (
     Malformed(
         "text named png", _write("frames/0002.png", "not a picture"), ("0002.png is not an image",)
     ),
-    Malformed("empty picture", _write("frames/0002.png", ""), ("0002.png is an empty file",)),
-    Malformed("float npy", _array(np.zeros((240, 320))), ("0003.npy", "float64", "uint8")),
+    Malformed(
+        "empty picture",
+        _write("frames/0002.png", ""),
+        ("0002.png is an empty file",),
+    ),
+    Malformed(
+        "float npy", _array(np.zeros((240, 320))), ("0003.npy", "float64", "uint8"), is_extra=True
+    ),
     Malformed(
         "pickled npy",
         _array(np.array([[None]], dtype=object)),
         ("0003.npy is not a whole .npy array",),
+        is_extra=True,
     ),
     Malformed(
         "npy of five channels",
         _array(np.zeros((240, 320, 5), np.uint8)),
         ("0003.npy", "(240, 320, 5)"),
+        is_extra=True,
     ),
     Malformed(
         "dangling link",
