@@ -7,6 +7,7 @@ from rich.console import Console
 
 from calib.commands.program import runnable_command
 from calib.errors import harmless
+from calib.verdict.next_commands import NEW_FILM
 from calib.verdict.verdict import Trust, Verdict
 
 COLOURS = {Trust.TRUSTED: "green", Trust.CARE: "yellow", Trust.DO_NOT_USE: "red"}
@@ -15,6 +16,12 @@ RIG_HOLDOUT_NOTE = "HOLDOUT is the folder of another recording of this rig."
 HOLDOUT_NOTE = (
     "HOLDOUT is a folder of other pictures of this camera. If you have none, calib fit --folds 5"
     " sets some of these aside as a test."
+)
+
+
+FILM_NOTE = (
+    f"{NEW_FILM} is a new video: film the board again with this camera, and give the options that"
+    " you gave for the earlier one."
 )
 
 
@@ -44,3 +51,5 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     if any("HOLDOUT" in command.split() for command in (verdict.next, *commands)):
         is_rig = verdict.next.startswith("calib rig ")
         console.print(RIG_HOLDOUT_NOTE if is_rig else HOLDOUT_NOTE)
+    if NEW_FILM in verdict.next.split():
+        console.print(FILM_NOTE)

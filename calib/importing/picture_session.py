@@ -274,9 +274,9 @@ def check_replaceable(source: NamedPictures) -> None:
     """Raise InputError if a session.yaml, or a folder for the pictures, is there that calib did not
     write.
     """
+    _output(source).check([DESCRIPTION])
     if not source.in_place:
         _check_new(source)
-    _output(source).check([DESCRIPTION])
 
 
 def describe_pictures(

@@ -53,7 +53,7 @@ HEIF = {
     **dict.fromkeys((b"ftypheic", b"ftypheix", b"ftypheif", b"ftypmif1", b"ftypmsf1"), "HEIC"),
     **dict.fromkeys((b"ftypavif", b"ftypavis"), "AVIF"),
 }
-"""For bytes 4 to 12 of pictures of phones, which may have the suffix of another type, their type."""
+"""The types of phones' pictures, whatever their suffix, by the bytes 4 to 12."""
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 

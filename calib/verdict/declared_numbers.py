@@ -48,7 +48,10 @@ def declared_numbers(case: Case) -> Iterator[Reason]:
             f" {advice}."
         )
         if not CAMERA.has(number.name):
-            sentence += " If it is right, the cover may be of another shape: try --cover unknown."
+            sentence += (
+                " If it is right, the cover may be of another shape: try"
+                f" {case.next.unknown_cover}."
+            )
         yield Reason(sentence, case.next.fit(), (number.name, *rivals))
 
 

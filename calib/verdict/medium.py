@@ -59,7 +59,7 @@ def undecided_medium(case: Case) -> Iterator[str]:
         yield (
             f"these pictures fit {name} outside of the cover about as well as {word}. The numbers"
             f" of camera and cover hold only if {word} is right: if it was {name},"
-            f" {_how_to_declare(name)}. Pictures without the cover, in bare/, would decide."
+            f" {_how_to_declare(case, name)}. Pictures without the cover, in bare/, would decide."
         )
 
 
@@ -74,19 +74,19 @@ def _more_probable(case: Case, stated: float) -> Iterator[Reason]:
     times = f"10^{power}" if power < MAX_POWER else f"more than 10^{MAX_POWER}"
     sentence = (
         f"the pictures do not fit this cover with {medium_word(stated)} outside of it. Either they"
-        f" were taken in {name} ({times} times as probable): {_how_to_declare(name)}. Or the"
-        " cover has another shape or size than declared: try --cover unknown."
+        f" were taken in {name} ({times} times as probable): {_how_to_declare(case, name)}. Or the"
+        f" cover has another shape or size than declared: try {case.next.unknown_cover}."
     )
     suspects = (case.calibration.declared.cover.medium_name,)
     command = case.next.fit_in(MEDIA[name])
     yield Reason(sentence, command, suspects, Trust.DO_NOT_USE)
 
 
-def _how_to_declare(name: str) -> str:
+def _how_to_declare(case: Case, name: str) -> str:
     index = f"{MEDIA[name]:g}"
-    return (
-        f"write outside_index: {index} under cover in session.yaml, or add --outside-index {index}"
-    )
+    keys = f"outside_index: {index} under cover"
+    verb = "add" if case.next.takes_options else "write"
+    return f"{verb} {case.next.spell(f'--outside-index {index}', keys)}"
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

@@ -15,6 +15,10 @@ from calib.io.images import frames_folder
 from calib.io.numerals import depth_text
 from calib.io.output_folder import OutputFolder
 from calib.io.shell import shell_line, shell_path
+from calib.verdict.picture_source import PictureSource, picture_source
+
+NEW_FILM = "FILM"
+"""The word for a new video in a command, which the user films and names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,10 +30,8 @@ class NextCommands:
     """The folder of the calibration."""
     settings: Settings
     """The settings of its fit."""
-    records: bool = True
-    """True if capture records such views: not those of a target of points, which come from another
-    program, and not pictures that lie beside session.yaml, which come from another device.
-    """
+    source: PictureSource = PictureSource.CAPTURE
+    """Where further views come from."""
     pictures: Path | None = None
     """The folder of the session's pictures; None if it has corners alone, or is not here."""
     depths: tuple[float, ...] = ()
@@ -64,7 +66,7 @@ class NextCommands:
             session,
             folder or session / "calibration",
             request.settings or Settings(),
-            records=calibration.board.has_grid and frames_folder(session) != session,
+            source=picture_source(session) if calibration.board.has_grid else PictureSource.DEVICE,
             pictures=next((place for place in pictures if place.is_dir()), None),
             depths=depths or command.depths,
             diagnosable=len(set(pose_labels(calibration.views))) >= MIN_CONFIRMING_VIEWS,
@@ -90,17 +92,38 @@ class NextCommands:
         """Return the same fit in another medium. Only a session.yaml that calib wrote is changed by
         options; another one is to be corrected first.
         """
+        if not self.takes_options:
+            return self.fit()
+        return self.fit("--outside-index", f"{outside_index:g}")
+
+    @property
+    def takes_options(self) -> bool:
+        """True if calib wrote session.yaml, so that options of `calib fit` change it."""
         try:
-            takes_options = OutputFolder(self.session).owns("session.yaml")
+            return OutputFolder(self.session).owns("session.yaml")
         except (InputError, OSError):
-            takes_options = False
-        return self.fit("--outside-index", f"{outside_index:g}") if takes_options else self.fit()
+            return False
+
+    def spell(self, option: str, keys: str) -> str:
+        """Return the words that tell how to change the session: the option, or the keys of a
+        session.yaml that options do not change.
+        """
+        return option if self.takes_options else f"{keys} in session.yaml"
+
+    @property
+    def unknown_cover(self) -> str:
+        """The words that tell how to have the shape of the cover estimated."""
+        return self.spell("--cover unknown", "cover: {shape: unknown}")
 
     def capture(self) -> str:
         """Return the command that records more views, or that fits them when they are there."""
-        if not self.records:
-            return self.fit()
-        return shell_line("capture", self.session)
+        match self.source:
+            case PictureSource.CAPTURE:
+                return shell_line("capture", self.session)
+            case PictureSource.DEVICE:
+                return self.fit()
+            case PictureSource.FILM:
+                return f"calib fit {NEW_FILM}"
 
     def diagnose(self, *options: str) -> str:
         """Return the diagnosis, or what comes before it where there are too few views."""

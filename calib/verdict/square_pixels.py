@@ -31,10 +31,11 @@ def square_pixels(case: Case) -> Iterator[Reason]:
     sigma = float(slope @ block @ slope) ** 0.5
     if abs(ratio) > max(SQUARE_PIXELS, SQUARE_SIGMAS * sigma):
         covered = calibration.cover.shape != "none"
-        shape = ", or the cover has another shape (try --cover unknown)" if covered else ""
+        cause = "the cover has another shape" if covered else "the camera looks through a cover"
         sentence = (
             f"fx and fy differ by {100 * abs(ratio):.1f} %, {abs(ratio) / sigma:.0f} standard"
             " deviations, and sensors have square pixels: the print is longer along one side than"
-            f" declared{shape}, or the pictures are stretched; measure the board along both sides."
+            f" declared, or {cause} (try {case.next.unknown_cover}), or the pictures are stretched;"
+            " measure the board along both sides."
         )
         yield Reason(sentence, case.next.diagnose(), CAMERA.focal)

@@ -28,8 +28,8 @@ def unevenness(case: Case) -> Iterator[Reason]:
     yield Reason(
         f"the glass would be uneven by {1e6 * uneven:.0f} µm where the corners were seen (root mean"
         f" square), and cheap windows are by {1e6 * GLASS_FIGURE.sigma:.0f} µm: a number of the"
-        f" cover, the camera or the board, {free}, is wrong, or the cover has another shape (try"
-        " --cover unknown).",
+        f" cover, the camera or the board, {free}, is wrong, or the cover has another shape"
+        f" (try {case.next.unknown_cover}).",
         case.next.fit("--free", "all") if held else case.next.diagnose(),
         _likeliest(case, held),
     )

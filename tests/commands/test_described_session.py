@@ -28,6 +28,7 @@ from calib.session.session import Session, read_session
 from calib.session.shapes.registry import find_shape, shape_names
 from tests.corners import test_other_makers
 from tests.importing import recordings
+from tests.session.malformed import WITH_CORNERS, write_good_session
 
 BOARD = ["--board", "7x6", "--square-mm", "25"]
 
@@ -326,6 +327,17 @@ def test_a_description_is_corrected_until_a_person_changed_it(photos: Path) -> N
         described(str(photos), *BOARD)
     assert described(str(photos)).board == Board(7, 6, 0.025)
     assert file.read_text().endswith("# mine\n")
+
+
+def test_the_session_of_a_person_is_edited_and_not_made_anew(tmp_path: Path) -> None:
+    """One of corners has no pictures that could go into another session."""
+    write_good_session(tmp_path)
+    file = tmp_path / "session.yaml"
+    file.write_text(WITH_CORNERS)
+    shutil.rmtree(tmp_path / "frames")
+    with pytest.raises(InputError, match="session.yaml is not calib's own: write there what the"):
+        described(str(tmp_path), "--cover", "unknown")
+    assert file.read_text() == WITH_CORNERS
 
 
 def test_a_number_of_the_cover_that_is_not_given_is_unknown(photos: Path) -> None:

@@ -4,12 +4,18 @@ import shlex
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from calib.calibration import Calibration
+from calib.commands.verdict_lines import print_verdict
 from calib.fit_record.request import CommandOptions, Provenance, Settings
+from calib.importing.session_draft import COVER
 from calib.io.output_folder import OutputFolder
 from calib.verdict.case import Case
 from calib.verdict.judge import judge
 from calib.verdict.next_commands import NextCommands
+from calib.verdict.picture_source import PictureSource, picture_source
+from calib.verdict.verdict import Reason, Verdict
 
 
 def test_paths_are_quoted_and_usual_options_left_out() -> None:
@@ -88,8 +94,38 @@ def test_pictures_beside_a_result_are_not_those_of_a_session_that_is_gone(
 
 
 def test_views_of_another_program_are_not_recorded() -> None:
-    commands = NextCommands(Path("photos"), Path("photos/calibration"), Settings(), records=False)
+    source = PictureSource.DEVICE
+    commands = NextCommands(Path("photos"), Path("photos/calibration"), Settings(), source=source)
     assert commands.capture() == "calib fit photos"
+
+
+def test_a_film_is_filmed_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A camera of this computer does not record what a phone filmed."""
+    session = tmp_path / "film"
+    (session / "frames").mkdir(parents=True)
+    (session / "frames" / "0.png").touch()
+    assert picture_source(session) is PictureSource.CAPTURE
+    OutputFolder(session / "frames").write("1.png", "a copy")
+    assert picture_source(session) is PictureSource.DEVICE
+    (tmp_path / "film.MOV").touch()
+    assert picture_source(session) is PictureSource.FILM
+    commands = NextCommands(session, session / "out", Settings(), source=PictureSource.FILM)
+    assert commands.capture() == "calib fit FILM"
+    print_verdict(Verdict((Reason("few.", commands.capture()),), ""), ())
+    printed = capsys.readouterr().out
+    assert "Next, once that is done: calib fit FILM" in printed
+    assert "FILM is a new video: film the board again with this camera" in printed
+
+
+@pytest.mark.parametrize(
+    ("name", "source"), [("film 1.mp4", PictureSource.FILM), ("photos", PictureSource.DEVICE)]
+)
+def test_imported_pictures_are_not_of_capture(
+    name: str, source: PictureSource, tmp_path: Path
+) -> None:
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "session.yaml").write_text(COVER.format(source=name))
+    assert picture_source(tmp_path) is source
 
 
 def test_no_diagnosis_is_proposed_of_too_few_views(good: Calibration) -> None:
@@ -105,9 +141,11 @@ def test_options_change_the_medium_of_a_session_that_calib_described(tmp_path: P
     assert commands.fit_in(1.333) == commands.fit(), "nothing is there"
     (tmp_path / "session.yaml").write_text("format: 1\n")
     assert commands.fit_in(1.333) == commands.fit(), "it is the user's own"
+    assert commands.unknown_cover == "cover: {shape: unknown} in session.yaml"
     (tmp_path / "session.yaml").unlink()
     OutputFolder(tmp_path).write("session.yaml", "format: 1\n")
     assert commands.fit_in(1.333) == commands.fit("--outside-index", "1.333")
+    assert commands.unknown_cover == "--cover unknown"
 
 
 def test_a_calibration_is_used_at_the_depth_of_its_fit(good: Calibration) -> None:

@@ -27,6 +27,8 @@ def test_a_stretched_picture_is_a_reason(tmp_path: Path) -> None:
     (reason,) = asked(square_pixels, fit(session(tmp_path / "fit", BOARD, views)))
     assert (reason.word, reason.suspects) == (Trust.CARE, CAMERA.focal)
     assert "fx and fy differ by 1.0 %" in reason.sentence
+    advice = "the camera looks through a cover (try cover: {shape: unknown} in session.yaml)"
+    assert advice in reason.sentence
 
 
 @pytest.mark.slow
