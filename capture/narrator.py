@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from calib.errors import harmless
+from calib.io.numerals import counted
 from capture.reader import Reader
 from capture.recorder import Recorder
 from capture.recording_loop import Step
@@ -78,11 +79,11 @@ class Narrator:
         }
 
     def _summary(self) -> str:
-        judged = f"{_count(self.judged or len(self.pictures), 'frame')} taken"
+        judged = f"{counted(self.judged or len(self.pictures), 'frame')} taken"
         skipped = f", {self._reader.skipped} passed over meanwhile" if self._reader.skipped else ""
         lost_frames = f", {self._reader.lost} lost by the camera" if self._reader.lost else ""
         return (
-            f"{_count(self.views, 'view')} with {_count(len(self.pictures), 'picture')}"
+            f"{counted(self.views, 'view')} with {counted(len(self.pictures), 'picture')}"
             f" ({judged}{skipped}{lost_frames})"
         )
 
@@ -105,10 +106,6 @@ class SilenceRemarks:
 
 def silence_sentence(seconds: float) -> str:
     return f"No picture has come for {seconds:.0f} s: waiting for the next one."
-
-
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}{'s' * (number != 1)}"
 
 
 def _remark(sentence: str) -> None:

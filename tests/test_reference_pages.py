@@ -47,14 +47,31 @@ def test_the_page_of_unknown_numbers_has_the_same_ranges() -> None:
         assert words in ranges[key], key
 
 
+def test_intrinsics_that_are_left_out_are_unknown() -> None:
+    intrinsics = {"fx": 600, "cx": 320, "cy": 240}
+    section = _section({"width": 640, "height": 480, "intrinsics": intrinsics})
+    camera = read_camera(section)
+    assert camera.intrinsics
+    assert camera.intrinsics.fy.unknown
+    page = pages()["session-yaml.md"]
+    for key in ("fx", "fy", "cx", "cy"):
+        row = next(line for line in page.splitlines() if line.startswith(f"| `{key}` |"))
+        assert "| unknown |" in row
+
+
 def test_every_key_that_is_read_is_on_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """The readers say themselves which keys they allow."""
     allowed: set[str] = set()
     check = Section.allow_only
 
-    def record(section: Section, keys: Sequence[str], kind: str = "known key") -> None:
+    def record(
+        section: Section,
+        keys: Sequence[str],
+        kind: str = "known key",
+        inner: Mapping[str, Sequence[str]] | None = None,
+    ) -> None:
         allowed.update(keys)
-        check(section, keys, kind)
+        check(section, keys, kind, inner)
 
     monkeypatch.setattr(Section, "allow_only", record)
     read_session(Path("fixtures/wet-flat"))

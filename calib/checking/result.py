@@ -149,8 +149,8 @@ class CheckResult:
         if not self.has_new_views:
             return "Not checked: the calibration was made from these pictures."
         assert self.statistics
-        count = f"{self.statistics.reused_views} of these {self.statistics.views}"
-        return f"Hardly checked: the calibration was made from {count} pictures."
+        pictures = f"{self.statistics.reused_views} of these {self.statistics.views} pictures"
+        return f"Hardly checked: the calibration was made from {pictures}."
 
     @property
     def is_known(self) -> bool:

@@ -30,6 +30,7 @@ from calib.fitting.evaluate import Evaluation
 from calib.fitting.guided_redetection import describe_redetection
 from calib.fitting.supported_depths import describe_trusted
 from calib.fitting.view_noise import describe_noisy_views
+from calib.io.numerals import counted
 from calib.progress import Advance
 from calib.session.lens import NAMES
 from calib.table import board_error, change
@@ -232,7 +233,8 @@ def print_evaluation(evaluation: Evaluation, fitted_px: float | None, *, wide: b
     table.add_row("all", str(total), f"{evaluation.rms_px:.3f} px", board_error(evaluation.rmse_cm))
     console.print(table)
     count = evaluation.frames_used
-    console.print(f"{count} views: only the poses of the board were fitted to them.")
+    fitted = "poses of the board were fitted to them" if count > 1 else "pose was fitted to it"
+    console.print(f"{counted(count, 'view')}: only the {fitted}.")
     if fitted_px is not None:
         agrees = not evaluation.fitted_views and evaluation.rms_px <= AS_WELL * fitted_px
         words = ": the held-out views fit as well" if agrees else ""

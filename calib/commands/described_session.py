@@ -22,6 +22,7 @@ from calib.commands.cover_options import (
     intrinsics_from_options,
 )
 from calib.errors import InputError, harmless
+from calib.io.numerals import counted
 from calib.io.shell import shell_path
 
 if TYPE_CHECKING:
@@ -40,6 +41,10 @@ NEEDED = {
     "gridboard": ("spacing", "dictionary"),
 }
 """The options of each type that the pictures tell where they are not given."""
+UNKNOWN_SIDE = {
+    "square": "Pictures cannot show how large its squares are",
+    "tag": "Pictures cannot show how large its tags are",
+}
 KEPT = (
     "calib: {file} still holds what an earlier command said: {values}. An option changes it; to"
     " start anew, delete the file."
@@ -316,8 +321,8 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
             f"--{key.replace('_', '-')}" for key in NEEDED.get(str(options.get("type")), ())
         )
         raise InputError(
-            f"{source.words} has no session.yaml, and no board was found in {len(pictures)} of its"
-            " pictures: "
+            f"{source.words} has no session.yaml, and no board was found in"
+            f" {counted(len(pictures), 'picture')} of it: "
             + (
                 f"add {markers} to the command, or look at the pictures."
                 if markers
@@ -329,7 +334,7 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
     count = len(source.pictures)
     side = finding.side_key
     sentence = (
-        f"{finding.sentence} in {finding.pictures} of {finding.searched} pictures"
+        f"{finding.sentence} in {finding.pictures} of {counted(finding.searched, 'picture')}"
         f"{f', of {count} in all' if count > finding.searched else ''}."
     )
     if (
@@ -339,13 +344,18 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
         or ("spacing" not in options and finding.is_vague)
     ):
         kept = shlex.join(_words_without_board(args))
-        command = " ".join(filter(None, ("calib fit", source.words, kept, finding.options)))
+        mistaken = options.get("square_mm" if side == "tag_mm" else "tag_mm")
+        described = finding.options_for(float(str(mistaken))) if mistaken else finding.options
+        command = " ".join(filter(None, ("calib fit", source.words, kept, described)))
         if args.board not in (None, finding.size):
             reason = "--board says {}x{}: type".format(*args.board)
         elif kind != finding.kind:
             reason = f"--type says {kind}: type"
+        elif mistaken:
+            cell = finding.board.cell
+            reason = f"The side of a {cell} is --{cell}-mm: type"
         else:
-            reason = "Pictures cannot show how large its squares are: measure one, and type"
+            reason = f"{UNKNOWN_SIDE[finding.board.cell]}: measure one, and type"
         raise InputError(f"{sentence} {reason} {command}, with your own millimetres.")
     print(harmless(sentence), file=sys.stderr)
     scale = float(str(options[side]))

@@ -10,6 +10,7 @@ from calib.commands.arguments import add_camera, add_output, millimetres, whole_
 from calib.commands.board_options import add_coding, board_from_options
 from calib.commands.cover_options import add_intrinsics, intrinsics_from_options
 from calib.errors import harmless
+from calib.io.numerals import counted
 from calib.io.shell import shell_path
 
 if TYPE_CHECKING:
@@ -164,9 +165,9 @@ def run(args: argparse.Namespace) -> None:
     count = write_session(draft, args.output)
     for notice in draft.notices:
         print(harmless(f"calib: {notice}"), file=sys.stderr)
-    kind = "views" if draft.views else "pictures"
+    contents = counted(count, "view" if draft.views else "picture")
     advice = f"calibrate it with calib fit {shell_path(args.output)}"
-    print(harmless(f"{args.output} has {count} {kind}: {advice}"))
+    print(harmless(f"{args.output} has {contents}: {advice}"))
 
 
 def _run_rig(args: argparse.Namespace) -> None:
@@ -183,7 +184,7 @@ def _run_rig(args: argparse.Namespace) -> None:
         harmless(
             f"{args.output} has the cameras {names} with {count} pictures or views: describe their"
             f" covers in {args.output}/*/session.yaml, then calibrate with calib rig fit"
-            f" {args.output} -o {args.output}/calibration"
+            f" {shell_path(args.output)} -o {shell_path(args.output / 'calibration')}"
         )
     )
 

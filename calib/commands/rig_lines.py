@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.errors import harmless
+from calib.io.numerals import counted
 from calib.rig.central_rig import CentralRig
 from calib.rig.depth import DepthPicture
 from calib.rig.evaluate_rig import RigEvaluation
@@ -105,8 +106,8 @@ def print_rig(rig: Rig, seconds: float) -> None:
         listed = ", ".join(views[:MAX_LISTED]) + " ..." * (len(views) > MAX_LISTED)
         _print(
             console,
-            f"The board looks turned in {len(views)} views of {name}, and their corners are"
-            f" renumbered: {listed}.",
+            f"The board looks turned in {counted(len(views), 'view')} of {name}, and the corners"
+            f" there are renumbered: {listed}.",
         )
     placements = f"{len(rig.placements)} placements of the board"
     if len(rig.names) > 1:

@@ -100,8 +100,13 @@ class FoundBoard:
     @property
     def options(self) -> str:
         """The options of a command line that describe the board, with an example of its size."""
+        return self.options_for(float(str(EXAMPLES[self.kind][self.side_key])))
+
+    def options_for(self, side_mm: float) -> str:
+        """Return the options of a command line that describe the board with squares or tags of this
+        side, mm.
+        """
         words = []
-        side_mm = float(str(EXAMPLES[self.kind][self.side_key]))
         for key, value in self.to_yaml(side_mm).items():
             if key in ("columns", "rows") or value is False:
                 continue

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError, brief
 from calib.io.files import read_file, write_atomically
+from calib.io.numerals import counted
 from calib.session.board import Board
 
 LEGEND = "# filename x y level"
@@ -74,8 +75,8 @@ def read_corners(path: Path, board: Board) -> tuple[View, ...]:
         )
     if not any(views.values()):
         raise NotEnoughDataError(
-            f"{path} lists {len(views)} pictures, none with a board in it: detect the corners"
-            " again."
+            f"{path} lists {counted(len(views), 'picture')}, none with a board in it: detect the"
+            " corners again."
         )
     return tuple(view for view in views.values() if view)
 

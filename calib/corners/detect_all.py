@@ -28,6 +28,7 @@ from calib.corners.weights import weigh_views
 from calib.errors import InputError, NotEnoughDataError, OtherBoardError
 from calib.io.files import read_file, write_atomically
 from calib.io.images import DamagedPictureError, read_grey
+from calib.io.numerals import counted
 from calib.session.board import Board
 from calib.session.board_section import board_to_yaml
 
@@ -152,7 +153,8 @@ def detect(
         )
         advice = reasons.most_common(1)[0][0] if board.coding else CHECKERBOARD_ADVICE
         raise NotEnoughDataError(
-            f"the {board} board was found in {hits} of {len(paths)} pictures: {advice}, or take"
+            f"the {board} board was found in {hits} of {counted(len(paths), 'picture')}:"
+            f" {advice}, or take"
             " more of them."
         )
     views: list[View] = []
@@ -199,11 +201,12 @@ def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
         return
     shown = shown_size(pictures)
     if shown and {shown.columns, shown.rows} != {board.columns, board.rows}:
+        several = len(shown.pictures) > 1
         raise OtherBoardError(
-            f"{len(shown.pictures)} pictures show a board of {shown.columns}x{shown.rows} inner"
-            f" corners, and none of these shows the declared {board}: write"
-            f" board.columns: {shown.columns}, board.rows: {shown.rows} in session.yaml, or call"
-            f" calib fit with --board {shown.columns}x{shown.rows}."
+            f"{counted(len(shown.pictures), 'picture')} {'show' if several else 'shows'} a board of"
+            f" {shown.columns}x{shown.rows} inner corners, and none of these shows the"
+            f" declared {board}: write board.columns: {shown.columns}, board.rows: {shown.rows}"
+            f" in session.yaml, or call calib fit with --board {shown.columns}x{shown.rows}."
         )
 
 

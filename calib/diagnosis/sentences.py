@@ -20,6 +20,7 @@ from calib.inference.effect_context import point_on_glass
 from calib.inference.fitted_model import FittedModel
 from calib.inference.residual_structure import ORGANISER_WORDS, VarianceShare
 from calib.inference.score_test import ScoreTest
+from calib.io.numerals import counted
 from calib.optics.relief import Bump
 from calib.planning.hints import placement_hint
 
@@ -156,9 +157,8 @@ def unconfirmed_scores(tests: Sequence[ScoreTest], views: int, required: int) ->
     ]
     significant.sort(key=lambda test: test.promises)
     best = {test.effect.name: test for test in significant}  # the best form of each effect
-    text = (
-        f"With {views} views nothing can be confirmed on held-out views: take {required} or more."
-    )
+    start = f"With {counted(views, 'view')} nothing can be confirmed on held-out views"
+    text = f"{start}: take {required} or more."
     if not best:
         return (f"{text} No effect's score stands out.",)
     descriptions = [

@@ -22,6 +22,7 @@ from calib.fleet.charts import (
 from calib.fleet.control import ALPHA, BATCH_ALPHA, Chart
 from calib.fleet.findings import Fleet, title_of
 from calib.fleet.result import JobState, Result
+from calib.io.numerals import counted
 from calib.report.page import PageSection, document
 from calib.report.payload import Data
 from calib.report.scripts import FLEET, Scripts
@@ -278,9 +279,8 @@ def _all_html(fleet: Fleet) -> str:
         "moved, sigmas",
     )
     opened = " open" if len(rows) <= MAX_OPEN else ""
-    return (
-        f"<details{opened}><summary>{len(rows)} cameras</summary>{html_table(head, rows)}</details>"
-    )
+    summary = f"<summary>{counted(len(rows), 'camera')}</summary>"
+    return f"<details{opened}>{summary}{html_table(head, rows)}</details>"
 
 
 def _number(result: Result, name: str) -> str:

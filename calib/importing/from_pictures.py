@@ -121,6 +121,14 @@ def uniform_pictures(folder: Path, paths: Sequence[Path]) -> UniformPictures:
     uniform = tuple(path for path in paths if sizes[path] == size)
     strays = [path for path in paths if sizes[path] != size]
     if 2 * len(uniform) <= len(paths) and strays:
+        shapes = sorted({*sizes.values()})
+        if len(shapes) == 2 and shapes[0] == shapes[1][::-1]:
+            (width, height), _ = shapes
+            raise InputError(
+                f"{folder} has pictures of {width}x{height} and of {height}x{width} px, as of one"
+                " camera mode that is turned: turn all of them the same way, as the sensor stores"
+                " them, or put those of one size into a folder of their own."
+            )
         size_names = sorted({f"{w}x{h}" for w, h in sizes.values()})
         raise InputError(
             f"{folder} has pictures of {len(size_names)} sizes, {', '.join(size_names[:6])} px,"

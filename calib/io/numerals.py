@@ -27,6 +27,11 @@ def real_number(value: object, name: str) -> float:
         raise WrongTypeError(f"{name} is {brief(repr(value))}: give a real number.") from None
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a count in words, such as 1 view or 5 views."""
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 def depth_text(depth: float) -> str:
     """Return the shortest text that no other depth has: 1, 0.5, 1.0000001."""
     return repr(float(depth)).removesuffix(".0")

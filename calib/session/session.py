@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.errors import InputError, harmless, wrong_type
 from calib.io.images import SUFFIXES, TYPES, image_size, list_images, session_pictures
+from calib.io.numerals import counted
 from calib.io.shell import shell_path
 from calib.io.videos import VIDEOS
 from calib.io.yaml_reader import read_yaml
@@ -103,9 +104,9 @@ class Session:
         raise wrong_type("session", source, "a session of calib.read_session, or its folder's path")
 
     def __repr__(self) -> str:
-        source = self.corners.name if self.corners else f"{len(self.frames)} pictures"
+        source = self.corners.name if self.corners else counted(len(self.frames), "picture")
         if self.points:
-            source = f"{len(self.points)} views"
+            source = counted(len(self.points), "view")
         bare = f", {len(self.bare.frames)} without the cover" if self.bare else ""
         camera = f"{self.camera.width}x{self.camera.height} px"
         target = f"{self.board} board" if self.board.has_grid else str(self.board)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.io.numerals import counted
 from calib.planning.hints import placement_hint
 from calib.planning.pose_bank import (
     Reach,
@@ -245,8 +246,8 @@ class RigGuide:
 def _sentence(sigma: float, reached: float, planned: int) -> str:
     estimate = f"The disparity is likely off by {_px(sigma)} px; {TARGET_PX:.2f} are wanted"
     if reached > TARGET_PX:
-        return f"{estimate}; {planned} more views would make it {_px(reached)}."
-    return f"{estimate}: likely {planned} more view{'s' * (planned != 1)}."
+        return f"{estimate}; {counted(planned, 'more view')} would make it {_px(reached)}."
+    return f"{estimate}: likely {counted(planned, 'more view')}."
 
 
 def _px(value: float) -> str:

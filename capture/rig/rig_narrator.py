@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import harmless
+from calib.io.numerals import counted
 from capture.narrator import SilenceRemarks
 from capture.rig.rig_guide import RigHint, RigProgress
 from capture.rig.rig_loop import RigStep
@@ -145,11 +146,11 @@ class RigNarrator:
         lost = sum(reader.frames_lost.values())
         skipped = f", {reader.skipped} passed over meanwhile" if reader.skipped else ""
         unpaired = reader.pairing.unpaired
-        without = f", {_count(unpaired, 'frame')} without partner" if unpaired else ""
+        without = f", {counted(unpaired, 'frame')} without partner" if unpaired else ""
         lost_frames = f", {lost} lost by the cameras" if lost else ""
-        alone = f" and {_count(self.singles, 'view')} of one camera alone" if self.singles else ""
+        alone = f" and {counted(self.singles, 'view')} of one camera alone" if self.singles else ""
         return (
-            f"{_count(self.views, 'shared view')}{alone} ({_count(self.judged, 'moment')}"
+            f"{counted(self.views, 'shared view')}{alone} ({counted(self.judged, 'moment')}"
             f" judged{skipped}{without}{lost_frames})"
         )
 
@@ -162,10 +163,6 @@ class RigSilenceRemarks:
 
     def __call__(self, name: str, seconds: float) -> None:
         self._remarks.setdefault(name, SilenceRemarks(f"{name}: "))(seconds)
-
-
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}{'s' * (number != 1)}"
 
 
 def _remark(sentence: str) -> None:

@@ -11,6 +11,7 @@ from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.fitting.supported_depths import doubtful_depths
 from calib.io.images import frames_folder, list_images
+from calib.io.numerals import counted
 from calib.io.shell import shell_line
 from calib.verdict.verdict import Trust
 
@@ -87,8 +88,8 @@ def farewell_lines(
     frames = _count_images(frames_folder(session))
     if bare or frames:
         yield (
-            f"{_printable(session)} has {bare} pictures without the cover and {frames} through it;"
-            " it has no calibration yet."
+            f"{_printable(session)} has {counted(bare, 'picture')} without the cover and {frames}"
+            " through it; it has no calibration yet."
         )
     else:
         yield f"Nothing is recorded in {_printable(session)} yet; what was typed is kept."

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from calib.errors import harmless
+from calib.io.numerals import counted
 from capture.rig.rig_setup import RigSetup
 from capture.tui.app import CaptureApp
 from capture.tui.page import Page
@@ -25,7 +26,8 @@ class RigApp(CaptureApp):
         if not self._rig_screen.views:
             return [harmless(f"No view is recorded in {rig.path} yet.")]
         alone = len(self._rig_screen.views) - shared
+        views = counted(shared, "shared view")
         return [
-            harmless(f"{shared} shared views and {alone} of one camera alone are in {rig.path}."),
+            harmless(f"{views} and {alone} of one camera alone are in {rig.path}."),
             harmless(f"Next: {rig.fit_command}"),
         ]

@@ -1,5 +1,6 @@
 """The texts of the set-up: for its fields, and for going on with the cover on."""
 
+from calib.io.numerals import counted
 from capture.sources.registry import is_recorded_source
 from capture.tui.form import explain_field
 
@@ -46,7 +47,7 @@ def cover_on_text(source: str, *, same_source: bool, recorded_views: int = 0) ->
     has the views through the cover as well; `recorded_views` is the number of those in the session.
     """
     note = (
-        f" {recorded_views} views through it are here already: ^r fits them."
+        f" Recorded through it already: {counted(recorded_views, 'view')}, which ^r fits."
         if recorded_views
         else ""
     )

@@ -185,7 +185,7 @@ def test_input_that_cannot_be_checked_is_refused(
     stderr = capsys.readouterr().err
     expected = {
         "truncated": "a.png is truncated or damaged: copy it again, or remove it.",
-        "blank": "No picture can be checked: the 9x9 board was found in 0 of 1 pictures",
+        "blank": "No picture can be checked: the 9x9 board was found in 0 of 1 picture:",
         "none": "has no pictures: give a session",
         "missing": "a.png",
     }

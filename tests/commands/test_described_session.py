@@ -117,7 +117,11 @@ def test_pictures_without_a_session_are_evaluated(
     assert main(["fit", str(photos), *BOARD, "--quiet"]) == 0
     held_out = tmp_path / "held out"
     held_out.mkdir()
-    for path in list_images(photos)[:5]:
+    first, *others = list_images(photos)[:5]
+    shutil.copy(first, held_out)
+    assert main(["evaluate", str(photos / "calibration"), str(held_out)]) == 0
+    assert "1 view: only the pose was fitted to it." in capsys.readouterr().out
+    for path in others:
         shutil.copy(path, held_out)
     assert main(["evaluate", str(photos / "calibration"), str(held_out)]) == 0
     assert "5 views: only the poses of the board were fitted to them." in capsys.readouterr().out
@@ -287,6 +291,29 @@ def test_an_aprilgrid_of_another_maker_is_described_by_options(
     assert described("coded", *grid, *layout).board == board
 
 
+def test_the_side_of_a_tag_is_not_that_of_a_square(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, photos: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_coded("as OpenCV draws tags")
+    says = r"The side of a tag is --tag-mm: type calib fit coded .* --tag-mm 33 --spacing 0\.25"
+    with pytest.raises(InputError, match=says):
+        described("coded", "--square-mm", "33")
+    with pytest.raises(InputError, match="how large its tags are: measure one"):
+        described("coded")
+    with pytest.raises(InputError, match=r"The side of a square is --square-mm: .* --square-mm 33"):
+        described(str(photos), "--tag-mm", "33")
+
+
+def test_turned_pictures_of_one_mode_are_told(photos: Path) -> None:
+    for path in list_images(photos)[:4]:
+        picture = cv2.imread(str(path))
+        assert picture is not None
+        cv2.imwrite(str(path), np.rot90(picture))
+    with pytest.raises(InputError, match=r"of 480x640 and of 640x480 px, .* turn all of them the"):
+        described(str(photos), *BOARD)
+
+
 def test_pictures_of_no_common_size_are_refused(photos: Path) -> None:
     for path in list_images(photos)[:4]:
         cv2.imwrite(str(path), np.zeros((100, 200), np.uint8))
@@ -335,7 +362,7 @@ def test_the_session_of_a_person_is_edited_and_not_made_anew(tmp_path: Path) -> 
     file = tmp_path / "session.yaml"
     file.write_text(WITH_CORNERS)
     shutil.rmtree(tmp_path / "frames")
-    with pytest.raises(InputError, match="session.yaml is not calib's own: write there what the"):
+    with pytest.raises(InputError, match=r"session\.yaml is not calib's own: write there what the"):
         described(str(tmp_path), "--cover", "unknown")
     assert file.read_text() == WITH_CORNERS
 
@@ -486,11 +513,11 @@ def test_pictures_without_a_board_are_said_to_have_none(
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((240, 320), 90 + number, np.uint8))
     assert main(["fit", str(tmp_path)]) == 2
     message = capsys.readouterr().err
-    assert "no board was found in 3 of its pictures: describe it by calib fit" in message
+    assert "no board was found in 3 pictures of it: describe it by calib fit" in message
 
 
 def test_a_number_that_is_none_is_refused_as_it_is_read(capsys: pytest.CaptureFixture[str]) -> None:
-    for text in ("wide", "40+-", "40+-3+-2", "1,,2", ""):
+    for text in ("wide", "40+-", "40+-3+-2", "1,,2"):
         with pytest.raises(SystemExit):
             parsed("x", "--cover", "dome", f"--centre={text}")
         assert "is not a number: write one such as 40, or 40+-5" in capsys.readouterr().err

@@ -38,7 +38,7 @@ def test_the_points_are_the_target(tmp_path: Path) -> None:
     np.testing.assert_array_equal(session.board.points(), TARGET[:, :2])
     np.testing.assert_array_equal(session.points[0].pixels, PIXELS)
     assert session.point_files == (tmp_path / "points" / "0000.npz",)
-    assert "4 points, 1 views" in repr(session)
+    assert "4 points, 1 view" in repr(session)
     assert "4 points" in session._repr_html_()
 
 
