@@ -30,6 +30,8 @@ from calib.corners.other_coding import (
     smallest_dictionary,
 )
 from calib.corners.picture_scale import reduce_picture, reducing_factor
+from calib.corners.unusable_target import why_unusable
+from calib.errors import OtherBoardError
 from calib.session.board import Board
 from calib.session.board_section import EXAMPLES, KALIBR, board_to_yaml
 from calib.session.coding import DICTIONARIES, AprilGrid, Charuco, Coding, grid_board
@@ -133,6 +135,9 @@ def search_board(pictures: Sequence[Picture]) -> FoundBoard | None:
 
     A chessboard is searched for first, as it is found fastest. One picture of it then shows whether
     it has markers.
+
+    Raises:
+        OtherBoardError: what the pictures show cannot be measured, such as a grid of circles.
     """
     small = shrink(pictures)
     chessboard = shown_size(pictures)
@@ -141,9 +146,12 @@ def search_board(pictures: Sequence[Picture]) -> FoundBoard | None:
         shown = chessboard.pictures
         board = Board(chessboard.columns, chessboard.rows, 1.0)
         found = FoundBoard(board, len(shown), chessboard.searched)
-        if not _search_markers([small[shown[0]]]):
-            return found
-    return _search_markers(small[:MARKER_PICTURES]) or found
+    may_have_markers = not chessboard or _search_markers([small[chessboard.pictures[0]]])
+    if may_have_markers and (coded := _search_markers(small[:MARKER_PICTURES])):
+        return coded
+    if reason := why_unusable(pictures, chessboard):
+        raise OtherBoardError(f"{reason}.")
+    return found
 
 
 def shrink(pictures: Sequence[Picture]) -> list[Picture]:

@@ -21,8 +21,9 @@ from calib.corners import detect as detector
 from calib.corners.board_size import shown_size
 from calib.corners.detect import eight_bits
 from calib.corners.detection import Detection, NotFound
-from calib.corners.find import CHECKERBOARD_ADVICE, find_board
+from calib.corners.find import CHECKERBOARD_ADVICE, describe_two_boards, find_board
 from calib.corners.other_coding import other_coding
+from calib.corners.unusable_target import why_unusable
 from calib.corners.view import RejectedPicture, View
 from calib.corners.weights import weigh_views
 from calib.errors import InputError, NotEnoughDataError, OtherBoardError
@@ -151,7 +152,9 @@ def detect(
         reasons = Counter(
             result.reason for result in results.values() if isinstance(result, NotFound)
         )
-        advice = reasons.most_common(1)[0][0] if board.coding else CHECKERBOARD_ADVICE
+        advice = reasons.most_common(1)[0][0]
+        if not board.coding and advice != describe_two_boards(board):
+            advice = CHECKERBOARD_ADVICE
         raise NotEnoughDataError(
             f"the {board} board was found in {hits} of {counted(len(paths), 'picture')}:"
             f" {advice}, or take"
@@ -200,7 +203,11 @@ def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
             raise OtherBoardError(advice)
         return
     shown = shown_size(pictures)
-    if shown and {shown.columns, shown.rows} != {board.columns, board.rows}:
+    if shown and {shown.columns, shown.rows} == {board.columns, board.rows}:
+        return
+    if reason := why_unusable(pictures, shown):
+        raise OtherBoardError(f"{reason}.")
+    if shown:
         several = len(shown.pictures) > 1
         raise OtherBoardError(
             f"{counted(len(shown.pictures), 'picture')} {'show' if several else 'shows'} a board of"
