@@ -31,10 +31,10 @@ CIRCLE_PICTURES = 4
 """Pictures that are searched for circles."""
 CIRCLE_SIDE = 960
 """px, the longer side of these pictures."""
-BLOBS = (20, 250)
-"""The fewest blobs of such a grid, and the most that are searched: OpenCV takes minutes for the
-stones of gravel.
-"""
+MIN_BLOBS = 20
+"""Blobs of the smallest grid."""
+MAX_BLOBS = 250
+"""Blobs beyond which a picture is not searched: OpenCV takes minutes for the stones of gravel."""
 MIN_CIRCULARITY = 0.8
 """4 pi of the area over the square of the circumference: a circle seen at 60 degrees has 0.84, a
 square 0.79.
@@ -69,21 +69,21 @@ def why_unusable(pictures: Sequence[NDArray[np.uint8]], shown: ShownSize | None)
 
 def shows_circles(pictures: Sequence[NDArray[np.uint8]]) -> bool:
     """Return True if most of the first (H, W) pictures show a grid of circles, dark or light."""
-    few = [
+    reduced = [
         reduce_picture(picture, reducing_factor(picture, CIRCLE_SIDE))
         for picture in pictures[:CIRCLE_PICTURES]
     ]
-    hits = sum(_has_circles(picture) or _has_circles(negative(picture)) for picture in few)
-    return 2 * hits > len(few)
+    hits = sum(_has_circles(picture) or _has_circles(negative(picture)) for picture in reduced)
+    return 2 * hits > len(reduced)
 
 
 def _has_circles(picture: NDArray[np.uint8]) -> bool:
-    settings = cv2.SimpleBlobDetector_Params()
+    settings = cv2.SimpleBlobDetector.Params()
     settings.filterByCircularity = True
     settings.minCircularity = MIN_CIRCULARITY
-    detector = cv2.SimpleBlobDetector_create(settings)
-    fewest, most = BLOBS
-    if not fewest <= len(detector.detect(picture)) <= most:
+    detector = cv2.SimpleBlobDetector.create(settings)
+    count = len(detector.detect(picture))
+    if not MIN_BLOBS <= count <= MAX_BLOBS:
         return False
     return any(
         cv2.findCirclesGrid(picture, size, flags=flags, blobDetector=detector)[0]

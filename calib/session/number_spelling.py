@@ -53,13 +53,13 @@ def spelling_advice(key: str, text: str, *, has_sigma: bool) -> str:
 
 def _without_unit(key: str, word: str) -> str:
     """Return the number of a text such as 2.5 cm in the unit of its key; empty if it has none."""
-    parts = NUMBER_START.fullmatch(word)
+    match = NUMBER_START.fullmatch(word)
     suffix = re.sub(r"\[[0-9]+\]$", "", key).rpartition("_")[2]
     units = UNITS.get(suffix, UNITS["px"])
-    size = units.get(parts[5].strip().lower()) if parts else None
-    if not parts or size is None:
+    size = units.get(match[5].strip().lower()) if match else None
+    if not match or size is None:
         return ""
-    return f"write {float(parts[1]) * size:g} without a unit, which is that of the key"
+    return f"write {float(match[1]) * size:g} without a unit, which is that of the key"
 
 
 def _is_number(text: str) -> bool:

@@ -187,10 +187,10 @@ class Section:
             pair = f"{name.strip()}: {brief(value.strip())}"
             return f"write {pair}, with a space behind the colon{exception}"
         keys = list(self.values)
-        before = keys[keys.index(key) - 1]
-        number = self.values[before]
+        previous = keys[keys.index(key) - 1]
+        number = self.values[previous]
         if key.isdecimal() and self.values[key] is None and type(number) is int:
-            return f"write {before}: {number}.{key} with a decimal point"
+            return f"write {previous}: {number}.{key} with a decimal point"
         return ""
 
     def get(self, key: str, expected: str) -> object:

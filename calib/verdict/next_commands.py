@@ -31,7 +31,7 @@ class NextCommands:
     settings: Settings
     """The settings of its fit."""
     source: PictureSource = PictureSource.CAPTURE
-    """Where further views come from."""
+    """The origin of its views, and of further ones."""
     pictures: Path | None = None
     """The folder of the session's pictures; None if it has corners alone, or is not here."""
     depths: tuple[float, ...] = ()

@@ -1,4 +1,4 @@
-"""Where the pictures of a session come from: what has to be done for more of them."""
+"""The origin of a session's pictures, which says how to take more of them."""
 
 import re
 from enum import Enum
@@ -13,7 +13,7 @@ IMPORTED = re.compile("# Imported by calib import from (.*)[.]")
 
 
 class PictureSource(Enum):
-    """Where the pictures of a session come from."""
+    """The origin of a session's pictures."""
 
     CAPTURE = "capture"
     """`capture` recorded them, or may record the like."""
