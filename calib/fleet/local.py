@@ -19,10 +19,11 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
 from calib.fleet.cluster import FleetError, Place
-from calib.fleet.heartbeat import Heartbeat, counted, listed
+from calib.fleet.heartbeat import Heartbeat, listed
 from calib.fleet.job import Job, give_up, run_job
 from calib.fleet.machine import core_count, memory_bytes, resident_bytes
 from calib.fleet.result import Result
+from calib.io.numerals import counted
 
 FIT_BYTES = 2 << 30
 """Memory that one camera may need: 0.44 GB were measured for twenty views of corners, and pictures

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 from calib.errors import brief
 from calib.fleet.cluster import SCHEDULER_PATIENCE_S, FleetError
-from calib.fleet.heartbeat import Heartbeat, counted, listed
+from calib.fleet.heartbeat import Heartbeat, listed
 from calib.fleet.job import Job, give_up, run_job
 from calib.fleet.result import Result
+from calib.io.numerals import counted
 
 if TYPE_CHECKING:
     from distributed import Client, Future

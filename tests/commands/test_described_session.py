@@ -157,11 +157,13 @@ def test_a_folder_may_have_any_name(name: str, photos: Path) -> None:
 
 def test_a_pattern_stands_for_its_pictures(photos: Path) -> None:
     assert described(f"{photos}/*.png", *BOARD).path == photos
-    some = described(f"{photos}/shot [1-5].png", *BOARD)
-    assert some.path == photos / "session"
-    assert [path.name for path in some.frames] == [f"shot {number}.png" for number in range(1, 6)]
-    fewer = described(f"{photos}/shot 4.png", f"{photos}/shot 5.png", *BOARD)
-    assert [path.name for path in fewer.frames] == ["shot 4.png", "shot 5.png"]
+    several = described(f"{photos}/shot [1-5].png", *BOARD)
+    assert several.path == photos / "session"
+    assert [path.name for path in several.frames] == [
+        f"shot {number}.png" for number in range(1, 6)
+    ]
+    pair = described(f"{photos}/shot 4.png", f"{photos}/shot 5.png", *BOARD)
+    assert [path.name for path in pair.frames] == ["shot 4.png", "shot 5.png"]
 
 
 def test_pictures_of_several_folders_keep_apart(photos: Path) -> None:
@@ -189,9 +191,9 @@ def test_the_size_of_most_pictures_is_taken_and_strays_are_left_out(
     photos: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_stray(photos)
-    others = recordings.write_pictures(Path("others"))
-    write_stray(others, (480, 640))
-    session = described(str(photos), str(others), *BOARD)
+    folder = recordings.write_pictures(Path("others"))
+    write_stray(folder, (480, 640))
+    session = described(str(photos), str(folder), *BOARD)
     assert len(session.frames) == 16
     assert (session.camera.width, session.camera.height) == recordings.SIZE
     notice = (

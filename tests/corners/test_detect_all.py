@@ -221,9 +221,11 @@ def test_a_damaged_picture_is_named_and_the_others_are_kept(
 ) -> None:
     paths = write(tmp_path, views(4))
     paths[3].write_bytes(paths[3].read_bytes()[:2000])
-    found = detect(paths, BOARD)
-    assert [view.name for view in found.views] == ["0000.png", "0001.png", "0002.png"]
-    assert [(r.name, r.reason) for r in found.rejected] == [("0003.png", "is truncated or damaged")]
+    detected = detect(paths, BOARD)
+    assert [view.name for view in detected.views] == ["0000.png", "0001.png", "0002.png"]
+    assert [(r.name, r.reason) for r in detected.rejected] == [
+        ("0003.png", "is truncated or damaged")
+    ]
     with pytest.raises(InputError, match=r"gone\.png cannot be read"):
         detect([*paths[:3], tmp_path / "gone.png"], BOARD)
     assert len(looks) == 3

@@ -180,8 +180,8 @@ def test_a_half_turn_mirrors_the_principal_point(change: tuple[float, float], tu
     changes = dict(zip((param.name for param in effect.params), change, strict=True))
     values = {name: torch.tensor(value) for name, value in (places | changes).items()}
     assert effect.is_half_turn(values, 640, 480) == turned
-    whole = Varying("principal_point", WITH_TIME, CAMERA.centre, (1.0, 0.5, 0.0))
-    assert not whole.is_half_turn(values, 640, 480)
+    drift = Varying("principal_point", WITH_TIME, CAMERA.centre, (1.0, 0.5, 0.0))
+    assert not drift.is_half_turn(values, 640, 480)
 
 
 @pytest.mark.parametrize(

@@ -95,10 +95,10 @@ def test_the_chosen_direction_is_better_than_its_neighbours(small: Rig) -> None:
 def test_a_depth_picture_of_a_wall(small: Rig) -> None:
     depths = 0.5, 1.0
     pair = rectify(small, ("left", "right"), 0.67, depths)
-    left, right = wall_pictures(small)
-    picture = depth_picture(small, pair, (left, right), depths)
+    first, second = wall_pictures(small)
+    picture = depth_picture(small, pair, (first, second), depths)
     assert not picture.is_swapped
-    assert depth_picture(small, pair, (right, left), depths).is_swapped
+    assert depth_picture(small, pair, (second, first), depths).is_swapped
     measured = np.isfinite(picture.depth)
     assert measured.mean() > 0.4
     error = picture.points @ PLANE - DEPTH

@@ -132,8 +132,8 @@ def test_no_diagnosis_is_proposed_of_too_few_views(good: Calibration) -> None:
     commands = NextCommands(Path("s"), Path("s/calibration"), Settings(), diagnosable=False)
     assert commands.diagnose() == "capture s"
     assert NextCommands.of(good, None, None, ()).diagnosable
-    few = replace(good, views=good.views[:9])
-    assert not NextCommands.of(few, None, None, ()).diagnosable
+    nine = replace(good, views=good.views[:9])
+    assert not NextCommands.of(nine, None, None, ()).diagnosable
 
 
 def test_options_change_the_medium_of_a_session_that_calib_described(tmp_path: Path) -> None:

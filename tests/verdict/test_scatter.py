@@ -43,8 +43,8 @@ def test_many_views_that_do_not_fit_are_a_reason(good: Calibration) -> None:
     assert not asked(misfits, replace(good, rejected=tuple(unlike[:2])))
     boards = tuple(RejectedPicture(view.name, "no board was found") for view in unlike)
     assert not asked(misfits, replace(good, rejected=boards))
-    told = replace(good, outcome=replace(good.outcome, mixed_settings=("two zooms",)))
-    assert not asked(misfits, replace(told, rejected=tuple(unlike)))
+    mixed = replace(good, outcome=replace(good.outcome, mixed_settings=("two zooms",)))
+    assert not asked(misfits, replace(mixed, rejected=tuple(unlike)))
 
 
 def test_the_fit_says_which_view_decides(
