@@ -36,8 +36,3 @@ def listed(names: Sequence[str]) -> str:
     """Return the first names of a list, and how many more there are."""
     remainder = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     return ", ".join(names[:MAX_NAMES]) + remainder
-
-
-def counted(count: int, noun: str) -> str:
-    """Return a number with its noun, such as '1 worker' or '2 workers'."""
-    return f"{count} {noun}{'s' * (count != 1)}"

@@ -61,12 +61,17 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 class DamagedPictureError(InputError):
     """The error of a file that holds no whole picture of a type that is read."""
 
-    def __init__(self, path: Path, reason: str, advice: str) -> None:
+    def __init__(self, sentence: str, reason: str = "") -> None:
         """The reason is what follows the name of the file in a list of pictures that are left
         out.
         """
-        super().__init__(f"{path} {reason}: {advice}.")
-        self.reason = reason
+        super().__init__(sentence)
+        self.reason = reason or sentence
+
+    @staticmethod
+    def of(path: Path, reason: str, advice: str) -> "DamagedPictureError":
+        """Return the error of a file, with what to do about it."""
+        return DamagedPictureError(f"{path} {reason}: {advice}.", reason)
 
 
 def list_images(folder: Path) -> tuple[Path, ...]:
@@ -131,12 +136,12 @@ def _decode(path: Path, data: bytes) -> Image:
     try:
         return _check_pixels(path, decode_picture(data))
     except TooLargeError as error:
-        raise DamagedPictureError(
+        raise DamagedPictureError.of(
             path, f"is {error}", "give a smaller picture, or remove it"
         ) from error
     except ValueError as error:
         advice = f"replace it by a {TYPES} file, or remove it"
-        raise DamagedPictureError(path, "is not an image, or a damaged one", advice) from error
+        raise DamagedPictureError.of(path, "is not an image, or a damaged one", advice) from error
 
 
 def _check_complete(path: Path, data: bytes) -> None:
@@ -144,14 +149,14 @@ def _check_complete(path: Path, data: bytes) -> None:
     than it says; the pixels are not decoded.
     """
     if not data:
-        raise DamagedPictureError(path, "is an empty file", "copy it again, or remove it")
+        raise DamagedPictureError.of(path, "is an empty file", "copy it again, or remove it")
     if kind := HEIF.get(data[4:12]):
         advice = "convert it to png or jpg, or remove it"
-        raise DamagedPictureError(path, f"is {kind} inside, whatever its name says", advice)
+        raise DamagedPictureError.of(path, f"is {kind} inside, whatever its name says", advice)
     for magic, is_complete in COMPLETENESS_CHECKS.items():
         if data.startswith(magic) and not is_complete(data):
             advice = "copy it again, or remove it"
-            raise DamagedPictureError(path, "is truncated or damaged", advice)
+            raise DamagedPictureError.of(path, "is truncated or damaged", advice)
 
 
 def read_grey(path: Path) -> Image:
@@ -196,7 +201,7 @@ def _decode_npy(path: Path, data: bytes) -> NDArray:
         return decode_npy(data)
     except ValueError as error:
         advice = "write it by numpy.save as (height, width) or (height, width, 3) uint8 or uint16"
-        raise DamagedPictureError(path, "is not a whole .npy array", advice) from error
+        raise DamagedPictureError.of(path, "is not a whole .npy array", advice) from error
 
 
 def _check_pixels(path: Path, pixels: NDArray) -> Image:
@@ -206,10 +211,12 @@ def _check_pixels(path: Path, pixels: NDArray) -> Image:
         pixels = pixels[..., :3]
     if pixels.dtype.kind != "u" or pixels.dtype.itemsize > 2:
         reason = f"has pixels of type {pixels.dtype}"
-        raise DamagedPictureError(path, reason, "convert it to uint8 or uint16")
+        raise DamagedPictureError.of(path, reason, "convert it to uint8 or uint16")
     if pixels.size == 0 or not (pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3)):
         reason = f"is an array of shape {pixels.shape}"
-        raise DamagedPictureError(path, reason, "write it as (height, width) or (height, width, 3)")
+        raise DamagedPictureError.of(
+            path, reason, "write it as (height, width) or (height, width, 3)"
+        )
     return _to_native(pixels)
 
 

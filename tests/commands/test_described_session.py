@@ -117,11 +117,11 @@ def test_pictures_without_a_session_are_evaluated(
     assert main(["fit", str(photos), *BOARD, "--quiet"]) == 0
     held_out = tmp_path / "held out"
     held_out.mkdir()
-    first, *others = list_images(photos)[:5]
-    shutil.copy(first, held_out)
+    pictures = list_images(photos)[:5]
+    shutil.copy(pictures[0], held_out)
     assert main(["evaluate", str(photos / "calibration"), str(held_out)]) == 0
     assert "1 view: only the pose was fitted to it." in capsys.readouterr().out
-    for path in others:
+    for path in pictures[1:]:
         shutil.copy(path, held_out)
     assert main(["evaluate", str(photos / "calibration"), str(held_out)]) == 0
     assert "5 views: only the poses of the board were fitted to them." in capsys.readouterr().out

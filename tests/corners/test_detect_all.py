@@ -221,9 +221,9 @@ def test_a_damaged_picture_is_named_and_the_others_are_kept(
 ) -> None:
     paths = write(tmp_path, views(4))
     paths[3].write_bytes(paths[3].read_bytes()[:2000])
-    detected = detect(paths, BOARD)
-    assert [view.name for view in detected.views] == ["0000.png", "0001.png", "0002.png"]
-    assert [(r.name, r.reason) for r in detected.rejected] == [
+    detections = detect(paths, BOARD)
+    assert [view.name for view in detections.views] == ["0000.png", "0001.png", "0002.png"]
+    assert [(r.name, r.reason) for r in detections.rejected] == [
         ("0003.png", "is truncated or damaged")
     ]
     with pytest.raises(InputError, match=r"gone\.png cannot be read"):
