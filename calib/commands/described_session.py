@@ -116,7 +116,7 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     intrinsics = intrinsics_from_options(args)
     check_replaceable(source)
     board = _board_of(args, source, earlier.get("board"), progress)
-    if board.has_grid and (width := 2e3 * max(board.half)) < SMALL_BOARD_MM:
+    if board.has_grid and (width := 1e3 * board.width) < SMALL_BOARD_MM:
         print(SMALL_BOARD.format(board=board, width=width), file=sys.stderr)
     if values := _earlier_values(args, earlier, cover):
         file = source.session / "session.yaml"

@@ -59,6 +59,11 @@ class Board:
         """m, the distance from the middle to the outermost corners along x and y."""
         return float(self._places(self.columns)[-1]), float(self._places(self.rows)[-1])
 
+    @property
+    def width(self) -> float:
+        """m, the distance between the outermost corners along x or y, whichever is larger."""
+        return 2 * max(self.half)
+
     def points(self) -> NDArray[np.float64]:
         """Return (count, 2) m, the corners in board coordinates. The origin is the board's centre,
         x runs along a row and y along a column.

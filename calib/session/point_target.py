@@ -54,6 +54,11 @@ class PointTarget(Board):
         x, y = np.abs(self.places).max(0, initial=1e-9)
         return float(x), float(y)
 
+    @property
+    def width(self) -> float:
+        """m, the extent of the points along x or y, whichever is larger."""
+        return float(np.ptp(self.places, axis=0).max()) if self.count else 0.0
+
     def points(self) -> NDArray[np.float64]:
         """Return (count, 2) m, the points on the target."""
         return self.places

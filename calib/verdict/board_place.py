@@ -25,6 +25,7 @@ from calib.verdict.thresholds import (
     TINY,
     UNSURE_SQUARE,
 )
+from calib.verdict.unit_words import BOARD_UNIT, COVER_UNIT, TARGET_UNIT
 from calib.verdict.verdict import Reason, Trust
 
 RADIUS = "inner_radius"
@@ -61,28 +62,26 @@ def board_size(case: Case) -> Iterator[Reason]:
     """Check that the declared size is in the right unit, and that it is known."""
     board = case.calibration.board
     if not board.has_grid:
+        yield from _target_size(case)
         return
     key = _key(board)
-    width = 2 * max(board.half)
+    width = board.width
     if not SMALLEST_BOARD <= width <= LARGEST_BOARD:
         sentence = (
             f"the board would be {width:.3g} m wide, with {board.cell}s of {board.square:.3g} m:"
-            f" check {key}, whose unit is the millimetre."
+            f" check {key}, {BOARD_UNIT}."
         )
         yield Reason(sentence, case.next.fit(), (key,))
     radius = max(_declared_lengths(case.calibration.declared.cover, RADIUS).values(), default=0.0)
     if SMALLEST_BOARD <= width < radius:
         sentence = (
             f"the board would be {1e3 * width:.3g} mm wide, less than the cover's radius of"
-            f" {1e3 * radius:.3g} mm: check {key}, whose unit is the millimetre."
+            f" {1e3 * radius:.3g} mm: check {key}, {BOARD_UNIT}."
         )
         word = Trust.DO_NOT_USE if width < TINY * radius else Trust.CARE
         yield Reason(sentence, case.next.fit(), (key,), word)
     elif not radius and SMALLEST_BOARD <= width < SMALL_BOARD and case.calibration.model()[0].cover:
-        sentence = (
-            f"the board would be {1e3 * width:.3g} mm wide: check {key}, whose unit is the"
-            " millimetre."
-        )
+        sentence = f"the board would be {1e3 * width:.3g} mm wide: check {key}, {BOARD_UNIT}."
         yield Reason(sentence, case.next.fit(), (key,))
     if board.square_sigma is not None and board.relative_sigma > UNSURE_SQUARE:
         sentence = (
@@ -92,6 +91,37 @@ def board_size(case: Case) -> Iterator[Reason]:
             f" {board.cell}s."
         )
         yield Reason(sentence, case.next.fit(), (key,))
+
+
+def _target_size(case: Case) -> Iterator[Reason]:
+    """Check that a target of points, whose unit is the metre, has a plausible width."""
+    board = case.calibration.board
+    key, width = _key(board), board.width
+    radius = max(_declared_lengths(case.calibration.declared.cover, RADIUS).values(), default=0.0)
+    if not SMALLEST_BOARD <= width <= LARGEST_BOARD:
+        yield Reason(
+            f"the target would be {width:.3g} m wide: check {key}.", case.next.fit(), (key,)
+        )
+    elif width < radius:
+        sentence = (
+            f"the target would be {1e3 * width:.3g} mm wide, less than the cover's radius of"
+            f" {1e3 * radius:.3g} mm: check {key}."
+        )
+        word = Trust.DO_NOT_USE if width < TINY * radius else Trust.CARE
+        yield Reason(sentence, case.next.fit(), (key,), word)
+
+
+def small_board(case: Case) -> Iterator[str]:
+    """Yield a note where a bare camera's board is so small that its unit is doubted. The squares
+    scale what is measured, and no map depends on them.
+    """
+    board = case.calibration.board
+    is_doubted = board.has_grid and SMALLEST_BOARD <= board.width < SMALL_BOARD
+    if is_doubted and not case.calibration.model()[0].cover:
+        yield (
+            f"the board would be {1e3 * board.width:.3g} mm wide, and every length that you measure"
+            f" depends on it: check {_key(board)}, {BOARD_UNIT}."
+        )
 
 
 def cover_size(case: Case) -> Iterator[Reason]:
@@ -105,7 +135,7 @@ def cover_size(case: Case) -> Iterator[Reason]:
             if metres < minimum:
                 sentence = (
                     f"{name} is declared as {1e3 * metres:.3g} mm, and hardly any cover is so"
-                    f" {adjective}: lengths are in millimetres, check it."
+                    f" {adjective}: {COVER_UNIT}, check it."
                 )
                 yield Reason(sentence, case.next.fit(), (name,))
 
@@ -121,5 +151,5 @@ def _declared_lengths(cover: Cover, kind: str) -> dict[str, float]:
 
 def _key(board: Board) -> str:
     if not board.has_grid:
-        return "the target's coordinates, which are metres"
+        return TARGET_UNIT
     return "board.tag_mm" if isinstance(board.coding, AprilGrid) else "board.square_mm"

@@ -17,7 +17,7 @@ from calib.errors import RefracalError, brief
 from calib.fitting.evaluate import Evaluation
 from calib.threads import single_thread
 from calib.verdict.bare_pictures import bare_pictures
-from calib.verdict.board_place import board_place, board_size, cover_size
+from calib.verdict.board_place import board_place, board_size, cover_size, small_board
 from calib.verdict.case import Case
 from calib.verdict.confirmation import contradicted_numbers, unconfirmed_numbers
 from calib.verdict.convergence import not_converged, not_finite
@@ -28,7 +28,7 @@ from calib.verdict.depths import one_depth, requested_depths
 from calib.verdict.differing_views import differing_views, settled_notes
 from calib.verdict.fleet_prior import fleet_prior
 from calib.verdict.held_out import held_out, overfits
-from calib.verdict.medium import medium, undecided_medium
+from calib.verdict.medium import implausible_indices, medium, undecided_medium
 from calib.verdict.mixed_settings import misfits, mixed_settings
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.orientation import orientation
@@ -55,6 +55,7 @@ CHECKS: tuple[Check, ...] = (
     misfits,
     bare_pictures,
     orientation,
+    implausible_indices,
     medium,
     not_converged,
     worse_than_none,
@@ -123,7 +124,7 @@ def judge(
         uses = commands.uses(case.main_depth, mapped=case.main_depth in case.depths)
         diagnosis = calibration.history.diagnosis
         families = [family.note for family in diagnosis.families] if diagnosis else []
-        notes = (*families, *settled, *undecided_medium(case))
+        notes = (*families, *settled, *undecided_medium(case), *small_board(case))
         return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses), notes)
 
 

@@ -1,5 +1,6 @@
-"""Check: the declared medium. If every number is known, the smooth cover is also tried with the
-other one, air or water; else the fit has compared the two (`calib.fitting.other_medium`).
+"""Checks: the declared medium, and the index of the glass beside it. If every number is known, the
+smooth cover is also tried with the other medium, air or water; else the fit has compared the two
+(`calib.fitting.other_medium`).
 """
 
 import math
@@ -10,11 +11,12 @@ from calib.calibration import Calibration
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path
+from calib.session.parameter_names import INDEX, number_of
 from calib.session.schema import Number
-from calib.session.shapes.layer import MEDIA, medium_word, opposite_medium
+from calib.session.shapes.layer import MEDIA, WATER, medium_word, opposite_medium
 from calib.verdict.case import Case
 from calib.verdict.cover_stage import is_refuted
-from calib.verdict.thresholds import OTHER_MEDIUM, OTHER_MEDIUM_LOG_ODDS
+from calib.verdict.thresholds import OTHER_MEDIUM, OTHER_MEDIUM_LOG_ODDS, SAME_INDEX
 from calib.verdict.verdict import Reason, Trust
 
 UNDECIDED_LOG_ODDS = 3.0
@@ -46,6 +48,31 @@ def medium(case: Case) -> Iterator[Reason]:
         )
         command = case.next.fit_in(MEDIA[name])
         yield Reason(sentence, command, (declared.cover.medium_name,))
+
+
+def implausible_indices(case: Case) -> Iterator[Reason]:
+    """Check that the declared index of the glass is not that of the medium outside."""
+    cover = case.calibration.declared.cover
+    names = [name for name in cover.numbers if number_of(name) == INDEX]
+    numbers = [cover.numbers[name] for name in (*names, cover.medium_name) if cover.medium]
+    if not (names and numbers) or any(number.unknown for number in numbers):
+        return
+    glass = max(names, key=lambda name: cover.numbers[name].value)
+    glass_index = cover.numbers[glass].value
+    outside_index = numbers[-1].value
+    suspects = glass, cover.medium_name
+    indices = (
+        f"the glass is declared with the index {glass_index:g}, and what is outside with"
+        f" {outside_index:g}"
+    )
+    if outside_index > glass_index:
+        yield Reason(f"{indices}: are the two swapped?", case.next.fit(), suspects)
+    elif abs(glass_index - MEDIA[WATER]) < SAME_INDEX:
+        sentence = (
+            f"{indices}: the index of the glass is that of water. Write that of the glass, such as"
+            f" 1.49 for acrylic, and for water outside of it outside_index: {MEDIA[WATER]:g}."
+        )
+        yield Reason(sentence, case.next.fit(), suspects)
 
 
 def undecided_medium(case: Case) -> Iterator[str]:

@@ -117,6 +117,7 @@ class Verdict:
             "reasons": [reason.sentence for reason in self.reasons],
             "suspects": list(self.suspects),
             "next": self.next,
+            "notes": list(self.notes),
         }
 
     @property

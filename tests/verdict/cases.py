@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TypeVar
 
 from calib.calibration import Calibration
 from calib.fit_record.request import Settings
@@ -10,17 +11,18 @@ from calib.verdict.case import Case
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.verdict import Reason
 
+Found = TypeVar("Found", Reason, str)
 SESSION = Path("my session")
 DIAGNOSE = f"calib diagnose '{SESSION}/calibration'"
 
 
 def asked(
-    check: Callable[[Case], Iterable[Reason]],
+    check: Callable[[Case], Iterable[Found]],
     calibration: Calibration,
     depths: tuple[float, ...] = (),
     evaluation: Evaluation | None = None,
-) -> list[Reason]:
-    """The reasons that one check gives."""
+) -> list[Found]:
+    """The reasons that one check gives, or its notes."""
     settings = calibration.request.settings or Settings()
     commands = NextCommands(SESSION, SESSION / "calibration", settings)
     return list(check(Case(calibration, depths, commands, evaluation, "other views")))

@@ -8,9 +8,10 @@ from calib.calibration import Calibration
 from calib.session.board import Board
 from calib.session.coding import AprilGrid
 from calib.session.parameter_names import COVER
+from calib.session.point_target import PointTarget
 from calib.session.schema import Number
-from calib.verdict.board_place import board_place, board_size, cover_size
-from calib.verdict.verdict import Trust
+from calib.verdict.board_place import board_place, board_size, cover_size, small_board
+from calib.verdict.verdict import Reason, Trust
 from fixtures.known import lens_alone
 from fixtures.synthetic import scene
 from tests.verdict.cases import asked
@@ -56,7 +57,36 @@ def test_a_board_in_centimetres_or_in_metres(good: Calibration) -> None:
     (reason,) = asked(board_size, unknown)
     assert reason.sentence.startswith("the board would be 32 mm wide: check board.square_mm")
     bare = lens_alone(scene(1, views=1), 640, 480, 640.0, 640.0, 320.0, 240.0)
-    assert not asked(board_size, replace(bare, board=Board(9, 9, 0.002)))
+    small = replace(bare, board=Board(9, 9, 0.002))
+    assert not asked(board_size, small)
+    (note,) = asked(small_board, small)
+    assert note.startswith("the board would be 16 mm wide, and every length that you measure")
+    assert not asked(small_board, replace(bare, board=Board(9, 9, 0.02)))
+
+
+@pytest.mark.parametrize(
+    ("by", "says"),
+    [(1.0, ""), (1000.0, "would be 300 m wide: check the target's coordinates"), (1e-3, "0.0003")],
+)
+@pytest.mark.parametrize("origin", [0.0, 5.0])
+def test_a_target_of_points_in_millimetres(by: float, says: str, origin: float) -> None:
+    """The width is that of the points, wherever their origin is."""
+    bare = lens_alone(scene(1, views=1), 640, 480, 640.0, 640.0, 320.0, 240.0)
+    places = Board(16, 11, 0.02).points() + origin
+    reasons = asked(board_size, replace(bare, board=PointTarget.of(by * places)))
+    assert len(reasons) == bool(says)
+    assert all(says in reason.sentence and reason.word is Trust.CARE for reason in reasons)
+
+
+def test_a_target_of_points_smaller_than_the_cover(good: Calibration) -> None:
+    def reasons(by: float) -> list[Reason]:
+        target = PointTarget.of(by * Board(9, 9, 0.02).points())
+        return asked(board_size, replace(good, board=target))
+
+    (reason,) = reasons(0.1)
+    assert "the target would be 16 mm wide, less than the cover's radius" in reason.sentence
+    assert reason.word is Trust.DO_NOT_USE
+    assert not reasons(1.0)
 
 
 def test_a_board_inside_of_the_cover(good: Calibration) -> None:

@@ -20,6 +20,7 @@ from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import AprilGrid, Charuco, Coding
 from calib.session.freeing import AUTO
+from calib.session.parameter_names import COVER
 from calib.session.schema import Number
 from calib.verdict import judge
 from calib.verdict.case import Case
@@ -29,7 +30,7 @@ from calib.verdict.coverage import coverage
 from calib.verdict.declared_numbers import declared_numbers
 from calib.verdict.depths import one_depth, requested_depths
 from calib.verdict.judge import CHECKS
-from calib.verdict.medium import medium
+from calib.verdict.medium import implausible_indices, medium
 from calib.verdict.principal_point import SENSOR_MODES, other_mode, principal_point
 from calib.verdict.residual import residual
 from calib.verdict.thresholds import BEYOND_NOISE, NO_BETTER, TAKEN_UP, WORSE_THAN_BARE
@@ -427,6 +428,29 @@ def test_a_principal_point_outside_of_the_picture(good: Calibration) -> None:
         (reason,) = asked(principal_point, told(good, 1640, 1232, 1279.0, cx, 500.0))
         assert (reason.word, reason.suspects) == (word, ("camera.cx", "camera.cy"))
     assert not asked(principal_point, told(good, 1640, 1232, 1279.0, 1600.0, 500.0))
+
+
+@pytest.mark.parametrize(
+    ("glass", "outside", "says"),
+    [
+        (1.333, 1.49, "with the index 1.333, and what is outside with 1.49: are the two swapped?"),
+        (1.33, 1.0, "the index of the glass is that of water"),
+        (1.49, 1.333, ""),
+        (1.5, 1.0, ""),
+    ],
+)
+def test_the_indices_of_the_glass_and_of_what_is_outside(
+    good: Calibration, glass: float, outside: float, says: str
+) -> None:
+    def declared(number: Number) -> Calibration:
+        indices = {COVER.refractive_index(): number, COVER.of("outside_index"): Number(outside)}
+        cover = good.declared.cover.replace_numbers(indices)
+        return replace(good, stated=replace(good.declared, cover=cover))
+
+    reasons = asked(implausible_indices, declared(Number(glass)))
+    assert len(reasons) == bool(says)
+    assert all(says in reason.sentence for reason in reasons)
+    assert not asked(implausible_indices, declared(Number(glass, 0.05, unknown=True)))
 
 
 @pytest.mark.slow

@@ -14,18 +14,20 @@ def test_no_reasons_are_trust() -> None:
         "reasons": [],
         "suspects": [],
         "next": "calib export it",
+        "notes": [],
     }
     assert str(verdict) == "You can trust it in the parts of the picture where the board was."
 
 
 def test_the_gravest_reason_decides() -> None:
-    verdict = Verdict((CARE, BAD), "calib export it")
+    verdict = Verdict((CARE, BAD), "calib export it", notes=("it has a twin.",))
     assert verdict.as_json() == {
         "word": "do_not_use",
         "maps_hold": False,
         "reasons": ["it is small.", "it is wrong."],
         "suspects": ["camera.fx", "cover.thickness"],
         "next": "calib fit there",
+        "notes": ["it has a twin."],
     }
     assert str(verdict) == "Do not use it. It is small. It is wrong."
 
