@@ -21,7 +21,9 @@ def split_usable_views(
     views: Sequence[View], board: Board
 ) -> tuple[tuple[View, ...], tuple[RejectedPicture, ...]]:
     """Return the views whose corners are enough for a pose, and the others with the reason."""
-    reasons = [find_pose_problem(view.seen, board) or _find_line_problem(view) for view in views]
+    reasons = [
+        find_pose_problem(view.seen, board) or _find_line_problem(view, board) for view in views
+    ]
     rejected = tuple(
         RejectedPicture(view.name, reason)
         for view, reason in zip(views, reasons, strict=True)
@@ -34,23 +36,23 @@ def find_pose_problem(visible: NDArray[np.bool_], board: Board) -> str:
     """Return why a view of the (count,) visible corners gives no pose; "" if it does."""
     count = int(np.count_nonzero(visible))
     if count < MIN_POSE_CORNERS:
-        return f"only {count} corners are seen, and a pose needs {MIN_POSE_CORNERS}"
+        return f"only {count} {board.marks} are seen, and a pose needs {MIN_POSE_CORNERS}"
     spread = _transverse_spread(board.points()[visible] / board.square)
     return (
-        "the corners that are seen lie on one line, which gives no pose"
+        f"the {board.marks} that are seen lie on one line, which gives no pose"
         if spread < MIN_SPREAD
         else ""
     )
 
 
-def _find_line_problem(view: View) -> str:
+def _find_line_problem(view: View, board: Board) -> str:
     """Return why the corners' pixels give no pose; "" if they do."""
-    spread = _transverse_spread(view.corners[view.seen])
-    return (
-        "its corners lie on one line or point of the picture, which gives no pose"
-        if spread < MIN_SPREAD_PX
-        else ""
-    )
+    pixels = view.corners[view.seen]
+    if _transverse_spread(pixels) >= MIN_SPREAD_PX:
+        return ""
+    if not board.has_grid and np.abs(pixels).max() <= 1:
+        return "its pixels are fractions of the picture: give them in px"
+    return f"its {board.marks} lie on one line or point of the picture, which gives no pose"
 
 
 def _transverse_spread(points: NDArray[np.float64]) -> float:

@@ -1,10 +1,15 @@
 """The corners of one picture, detected or from a corners file, or the reason why it is rejected."""
 
+import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+NUMBER = re.compile(r"\d[\d.]*")
+"""A number in the reason of a rejected picture."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +68,18 @@ class RejectedPicture:
 
     name: str
     reason: str
+
+
+def describe_most(rejected: Sequence[RejectedPicture]) -> str:
+    """Return the most frequent reason of rejected pictures in brackets, behind their count; empty
+    without any. Reasons that differ by their numbers alone are the same.
+    """
+    if not rejected:
+        return ""
+    kinds = [NUMBER.sub("", picture.reason) for picture in rejected]
+    kind, count = Counter(kinds).most_common(1)[0]
+    reason = rejected[kinds.index(kind)].reason
+    return f" ({count} of {len(rejected)} left out: {reason})"
 
 
 def pose_labels(views: Sequence[View]) -> NDArray[np.int64]:

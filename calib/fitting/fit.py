@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.calibration import Calibration
 from calib.calibration_content import Declared
-from calib.corners.view import MISFIT, RejectedPicture, View, pose_labels
+from calib.corners.view import MISFIT, RejectedPicture, View, describe_most, pose_labels
 from calib.errors import NotEnoughDataError, wrong_type
 from calib.estimation.noise import corner_noise
 from calib.estimation.observations import Observations
@@ -38,6 +38,7 @@ from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.fitting.view_noise import weigh_noisy_views
 from calib.progress import Progress, Silent, check_progress
+from calib.session.board import Board
 from calib.session.numbers import unknown_names
 from calib.session.session import MIN_FIT_VIEWS, Session, SessionSource
 from calib.threads import single_thread
@@ -86,19 +87,19 @@ def fit(
     nominal = expectation.nominal if expectation else _nominal_setup(session, start)
     choice: ShapeChoice | None = None
     if nominal.cover.has_unknown_shape:
-        _check_enough(views, rejected)
+        _check_enough(session.board, views, rejected)
         choice = choose_shape(nominal, views, settings, progress)
         nominal = choice.setup
     if unknown_names(nominal.intrinsics, nominal.cover):
-        _check_enough(views, rejected)
+        _check_enough(session.board, views, rejected)
         with single_thread():
             nominal = with_initial_values(nominal, views, progress)
     setup = nominal.with_tolerances(settings)
     grids: dict[str, float] = {}
     if settings.folds:
-        _check_enough(views, rejected, for_folds=settings.folds)
+        _check_enough(session.board, views, rejected, for_folds=settings.folds)
     if settings.grid is None:
-        _check_enough(views, rejected, for_folds=GRID_FOLDS)
+        _check_enough(session.board, views, rejected, for_folds=GRID_FOLDS)
         grid, grids = choose_grid(setup, views, settings, progress)
         settings = replace(settings, grid=grid)
     has_pictures = source and source.frames and not source.corners
@@ -110,7 +111,7 @@ def fit(
     is_half_turn_tried = False
     purpose = ""
     while True:
-        _check_enough(views, rejected)
+        _check_enough(session.board, views, rejected)
         observations = Observations.of(views, session.board)
         with single_thread():
             fitted = fit_stages(
@@ -208,7 +209,7 @@ def fit(
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, joint)
     validation = None
     if settings.folds:
-        _check_enough(views, rejected, for_folds=settings.folds)
+        _check_enough(session.board, views, rejected, for_folds=settings.folds)
         validation = cross_validate(setup, views, settings, settings.folds, progress)
     return Calibration(
         board=session.board,
@@ -289,17 +290,12 @@ def _without_outliers(
 
 
 def _check_enough(
-    views: Sequence[View], rejected: Sequence[RejectedPicture], for_folds: int = 0
+    board: Board, views: Sequence[View], rejected: Sequence[RejectedPicture], for_folds: int = 0
 ) -> None:
     if len(views) < MIN_FIT_VIEWS:
-        reason = (
-            f" (the first that was dropped, {rejected[0].name}: {rejected[0].reason})"
-            if rejected
-            else ""
-        )
         raise NotEnoughDataError(
-            f"A fit needs {MIN_FIT_VIEWS} usable views and there are {len(views)}: take more"
-            f" pictures of the board{reason}."
+            f"A fit needs {MIN_FIT_VIEWS} usable views and there are"
+            f" {len(views)}{describe_most(rejected)}: take more {board.views_words}."
         )
     if not for_folds:
         return
@@ -311,5 +307,5 @@ def _check_enough(
         raise NotEnoughDataError(
             f"{for_folds} folds need as many poses of the board, and {MIN_FIT_VIEWS} usable views"
             f" outside each fold; there are {len(views)} views of {poses.max() + 1} poses in all:"
-            " take more pictures of the board, or ask for fewer folds."
+            f" take more {board.views_words}, or ask for fewer folds."
         )

@@ -16,6 +16,7 @@ from calib.fleet.control import ALPHA, Chart, charts
 from calib.fleet.manifest import Entry
 from calib.fleet.result import JobState, Result
 from calib.session.parameter_names import CAMERA
+from calib.verdict.unit_words import unit_doubts
 from calib.verdict.verdict import Trust
 
 RARE_FRACTION = 0.1
@@ -122,6 +123,10 @@ def _camera_findings(entry: Entry, result: Result) -> Iterator[Finding]:
     if result.verdict.get("word") == Trust.DO_NOT_USE.value:
         because = str(next(iter(result.verdict["reasons"]), "")).rstrip(".")
         yield Finding(NOT_TO_BE_USED, f"its verdict is not to use it: {because}")
+    verdict = result.verdict
+    if verdict.get("word") != Trust.DO_NOT_USE.value:
+        for doubt in unit_doubts([*verdict.get("reasons", ()), *verdict.get("notes", ())]):
+            yield Finding(CHECK_OR_DIAGNOSIS, doubt.rstrip("."))
     for limit in entry.limits:
         number = result.numbers.get(limit.name)
         if number and limit.broken(number.value):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.corners.pose_requirements import split_usable_views
-from calib.corners.view import MISFIT, RejectedPicture, View, pose_labels
+from calib.corners.view import MISFIT, RejectedPicture, View, describe_most, pose_labels
 from calib.errors import NotEnoughDataError
 from calib.estimation.robust import outlier_mask
 from calib.intrinsics.advice import NO_FIT, TILT
@@ -58,7 +58,7 @@ def calibrate_bare(
     usable, poseless = split_usable_views(views, board)
     inliers = list(usable)
     rejected = list(poseless)
-    _check_enough(inliers)
+    _check_enough(inliers, rejected, board)
     size = camera.width, camera.height
     choice = choose_lens(inliers, board, camera, progress)
     advance = progress.task("Intrinsics", 1)
@@ -81,7 +81,7 @@ def calibrate_bare(
             if is_outlier
         ]
         inliers = [view for view, out in zip(inliers, outlying, strict=True) if not out]
-        _check_enough(inliers)
+        _check_enough(inliers, rejected, board)
     if solved.rms > MAX_ERROR * max(size):
         raise NotEnoughDataError(NO_FIT)
     spread = spread_deg(solved.poses)
@@ -107,12 +107,12 @@ def calibrate_bare(
     )
 
 
-def _check_enough(views: Sequence[View]) -> None:
+def _check_enough(views: Sequence[View], rejected: Sequence[RejectedPicture], board: Board) -> None:
     poses = len(set(pose_labels(views).tolist()))
     if poses < MIN_BARE_POSES:
         pose_count = f" of {poses} poses of the board" if poses < len(views) else ""
         raise NotEnoughDataError(
             f"Intrinsics need {MIN_BARE_POSES} usable views without the cover, each of a pose of"
-            f" its own, and there are {len(views)}{pose_count}: take more pictures of the board,"
-            " tilted in different directions."
+            f" its own, and there are {len(views)}{pose_count}{describe_most(rejected)}: take more"
+            f" {board.views_words}, tilted in different directions."
         )

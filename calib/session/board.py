@@ -60,6 +60,16 @@ class Board:
         return float(self._places(self.columns)[-1]), float(self._places(self.rows)[-1])
 
     @property
+    def marks(self) -> str:
+        """The noun for its corners in a sentence."""
+        return "corners"
+
+    @property
+    def views_words(self) -> str:
+        """The words for further views of it in a sentence."""
+        return "pictures of the board"
+
+    @property
     def width(self) -> float:
         """m, the distance between the outermost corners along x or y, whichever is larger."""
         return 2 * max(self.half)

@@ -13,6 +13,14 @@ CELLS = 10
 target's size stands for it.
 """
 
+SMALLEST = 1e-9
+"""m, the size of a target without points, or with all of them at one place."""
+
+FAR_ORIGIN = 4.0
+"""Sizes of a target from its origin to its middle, above which the origin is moved. Below it, views
+of a small piece of a screen keep the screen's origin.
+"""
+
 PITCH = Quantity("pitch_mm", low=1e-3, high=100)
 """The pitch of a screen, from 1 um, a microscope's, to a wall of lamps."""
 
@@ -32,8 +40,8 @@ class PointTarget(Board):
     @staticmethod
     def of(places: NDArray[np.float64], pitch: Number | None = None) -> "PointTarget":
         """Return the target of (count, 2) m points on it."""
-        size = 2 * float(np.abs(places).max(initial=1e-9))
-        square = size / CELLS
+        size = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
+        square = max(size, SMALLEST) / CELLS
         is_stated = pitch is not None and (pitch.exact or pitch.sigma > 0)
         sigma = square * pitch.sigma / pitch.value if pitch and is_stated else None
         return PointTarget(len(places), 1, square, sigma, places=places, pitch=pitch)
@@ -55,6 +63,16 @@ class PointTarget(Board):
         return float(x), float(y)
 
     @property
+    def marks(self) -> str:
+        """The noun for its points in a sentence."""
+        return "points"
+
+    @property
+    def views_words(self) -> str:
+        """The words for further views of it in a sentence."""
+        return "views of the target"
+
+    @property
     def width(self) -> float:
         """m, the extent of the points along x or y, whichever is larger."""
         return float(np.ptp(self.places, axis=0).max()) if self.count else 0.0
@@ -71,6 +89,19 @@ class PointTarget(Board):
 
     def __str__(self) -> str:
         return f"{self.count} points"
+
+
+def near_origin(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (count, 2) m points moved so that the origin is near them, where it is far away: a
+    pose turns the target about its origin, and its shape is a polynomial about it. The move is a
+    multiple of the next power of two above the target's size, so that later points of the same
+    target, which have about the same size and middle, move alike.
+    """
+    if not len(places):
+        return places
+    step = 2.0 ** np.ceil(np.log2(max(float(np.ptp(places, axis=0).max()), SMALLEST)))
+    steps = (places.min(0) + places.max(0)) / 2 / step
+    return places - step * np.round(steps) if np.abs(steps).max() > FAR_ORIGIN else places
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,7 +32,7 @@ from calib.session.declared_table import declared_table
 from calib.session.fleet_prior import FleetPrior, check_compatible, read_fleet_prior
 from calib.session.lens import SPLINED
 from calib.session.numbers import check_correlations
-from calib.session.point_target import PITCH, PointTarget, PointView
+from calib.session.point_target import PITCH, PointTarget, PointView, near_origin
 from calib.session.points_file import FOLDER, point_files, read_point_view
 from calib.session.schema import Number, Section
 from calib.session.shapes.registry import dimensions
@@ -226,7 +226,9 @@ def _read(path: Path, bare_of: Session | None) -> Session:
     if not board.has_grid:
         points = _read_target(section, path, camera)
         assert isinstance(board, PointTarget)
-        board = PointTarget.of(np.concatenate([view.places for view in points]), board.pitch)
+        board = PointTarget.of(
+            near_origin(np.concatenate([view.places for view in points])), board.pitch
+        )
         session = Session(path, board, camera, cover, (), None, None, points=points)
         return _completed(session, section, bare_of)
     corners = _read_corners_path(section, path)

@@ -1,6 +1,7 @@
 """Sessions whose target is points, through the commands, against the rays of the simulation."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +13,15 @@ from PIL import Image
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.corners.point_views import views_of_points
+from calib.corners.pose_requirements import find_pose_problem
+from calib.errors import NotEnoughDataError
 from calib.estimation.observations import Observations
 from calib.fit_record.request import Settings
 from calib.fitting.stages import Setup
+from calib.intrinsics.calibrate import calibrate_bare
+from calib.progress import Silent
 from calib.session.board import Board
-from calib.session.point_target import PointTarget, PointView
+from calib.session.point_target import PointTarget, PointView, near_origin
 from fixtures.calibrated import CAMERA, tolerant
 from fixtures.map_errors import errors
 from fixtures.point_sessions import (
@@ -28,7 +33,7 @@ from fixtures.point_sessions import (
     screen_views,
     write_point_session,
 )
-from fixtures.synthetic import INTRINSICS, THIN, Scene, scene
+from fixtures.synthetic import HEIGHT, INTRINSICS, THIN, WIDTH, Scene, bare_views, scene
 
 VIEWS = 6
 MADE = screen_scene(1, VIEWS, 160, 100)
@@ -73,6 +78,56 @@ def test_the_residual_is_the_noise_that_the_points_state(fitted: Path) -> None:
     assert calibration.noise_px is not None
     assert calibration.stages[-1].rms_px < 1.2 * calibration.noise_px
     assert calibration.noise_px < 2**0.5 * POINT_NOISE
+
+
+def test_the_origin_of_a_target_may_lie_anywhere() -> None:
+    """An origin some metres away is moved near the points, that of a piece of a screen is not."""
+    places = Board(16, 11, 0.02).points()
+    far = near_origin(places + np.array([5.0, -3.0]))
+    np.testing.assert_allclose(far, places, atol=1e-12)
+    np.testing.assert_array_equal(near_origin(far), far)
+    corner = places - places.min(0)
+    np.testing.assert_array_equal(near_origin(corner), corner)
+    piece = corner[corner.max(1) > 0.15]
+    np.testing.assert_array_equal(near_origin(piece), piece)
+    board = PointTarget.of(places + np.array([5.0, -3.0]))
+    assert board.square == pytest.approx(0.03)
+    assert not find_pose_problem(np.ones(len(places), np.bool_), board)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda view: replace_points(view, slice(3)), "only 3 points are seen, and a pose needs 8"),
+        (lambda view: replace_points(view, slice(9)), "the points that are seen lie on one line"),
+        (
+            lambda view: replace(view, pixels=view.pixels / (WIDTH, HEIGHT)),
+            "its pixels are fractions of the picture: give them in px",
+        ),
+    ],
+    ids=["few", "line", "fractions"],
+)
+def test_the_reason_why_no_view_of_a_target_can_be_used(
+    spoil: Callable[[PointView], PointView], says: str
+) -> None:
+    """The most frequent reason is in the message, which speaks of a target."""
+    places = Board(9, 9, 0.02).points()
+    covariance = np.tile(1e-4 * np.eye(2), (81, 1, 1))
+    points = [
+        spoil(PointView(view.name, view.corners, places, covariance))
+        for view in bare_views(3, 6, 0.1)
+    ]
+    board = PointTarget.of(np.concatenate([view.places for view in points]))
+    camera = replace(CAMERA, intrinsics=None, lens_coefficients=0)
+    with pytest.raises(NotEnoughDataError) as caught:
+        calibrate_bare(views_of_points(points), board, camera, Silent())
+    assert f"there are 0 (6 of 6 left out: {says}" in str(caught.value)
+    assert "take more views of the target" in str(caught.value)
+
+
+def replace_points(view: PointView, rows: slice) -> PointView:
+    """Return the view with some of its points alone."""
+    return PointView(view.name, view.pixels[rows], view.places[rows], view.covariance[rows])
 
 
 def test_a_calibration_keeps_its_points(fitted: Path, tmp_path: Path) -> None:

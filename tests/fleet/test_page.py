@@ -39,6 +39,22 @@ CHANGE = {"sentence": "the focal length has changed by 3.0 ± 0.1 %", "name": "f
 BROKEN = {"answer": "broken", "p_value": 0.0, "added_px": 4.2, "lacking": "", "changes": [CHANGE]}
 SHIFTS = {"camera.cx": PriorShift(100.0, 130.0, -30.0, "px")}
 LOST = "Its prior could not be checked: x does not exist."
+UNITS_DOUBTED: dict[str, Any] = {
+    "word": "care",
+    "reasons": [
+        "the board would be 0.0004 m wide, with squares of 5e-05 m: check board.square_mm, whose"
+        " unit is the millimetre.",
+        "the views scatter.",
+    ],
+}
+UNITS_NOTED: dict[str, Any] = {
+    "word": "trusted",
+    "reasons": [],
+    "notes": [
+        "the board would be 20 mm wide, and every length that you measure depends on it: check"
+        " board.square_mm, whose unit is the millimetre."
+    ],
+}
 WAYS: dict[str, tuple[Result, str]] = {
     "c3": (
         Result("c3", JobState.FAILED, "a.png is truncated or damaged: copy it again."),
@@ -83,6 +99,21 @@ def test_every_fault_is_described_and_nothing_else(fleet: Fleet) -> None:
         assert message in fleet.findings[camera][0].sentence, camera
     assert fleet.outliers[:2] == ["c3", "c9"]
     assert headline(fleet) == "8 of 60 cameras stand out"
+
+
+def test_a_doubted_unit_stands_out() -> None:
+    """The reasons and notes that doubt a unit are listed, and no reason of another kind."""
+    judged = made(
+        60, {"c3": plain("c3", verdict=UNITS_DOUBTED), "c5": plain("c5", verdict=UNITS_NOTED)}
+    )
+    sentences = {
+        camera: [finding.sentence for finding in findings]
+        for camera, findings in judged.findings.items()
+    }
+    assert sentences == {
+        "c3": [UNITS_DOUBTED["reasons"][0].rstrip(".")],
+        "c5": [UNITS_NOTED["notes"][0].rstrip(".")],
+    }
 
 
 def test_a_fleet_without_a_fault_is_reported_so() -> None:
