@@ -23,7 +23,7 @@ from calib.checking.hypotheses import (
 from calib.checking.naming import name_changes, probabilities, rms_shift
 from calib.checking.overdispersion import Overdispersion
 from calib.checking.picture_mode import PictureMode, StretchedMode
-from calib.checking.pictures import Pictures
+from calib.checking.pictures import OTHER_BOARD, Pictures
 from calib.checking.posterior_predictive import PosteriorPredictive
 from calib.checking.prior import CalibrationPrior
 from calib.checking.result import Change, CheckResult, CheckStatistics, CheckStatus
@@ -35,6 +35,7 @@ from calib.errors import NotEnoughDataError
 from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
+from calib.fitting.board_difference import describe_difference, has_same_corners
 from calib.fitting.with_initial_pose import with_initial_pose
 from calib.inference.naming import NAME_ALONE
 from calib.progress import Progress, Silent
@@ -101,13 +102,63 @@ class Checker:
             return CheckResult(CheckStatus.BROKEN, None, (change,), pictures.rejected)
         advance = progress.task("Check", STAGES)
         with single_thread():
-            result = self._check(pictures, advance)
+            result = self._compare_boards(pictures, advance)
         advance(STAGES, "")
         assert result.statistics
         statistics = replace(
             result.statistics, reused_views=count_fitted(pictures.views, self.calibration.views)
         )
         return replace(result, statistics=statistics)
+
+    def _compare_boards(
+        self, pictures: Pictures, advance: Callable[[int, str], None]
+    ) -> CheckResult:
+        """Return the result of the check. Where the pictures' board is declared with other columns,
+        rows or squares than the calibration's and they do not agree with it, the board is named,
+        and no change of the camera: a wrong size looks like one.
+        """
+        board, fitted = pictures.board, self.calibration.board
+        difference = describe_difference(board, fitted, "in these pictures")
+        if not difference:
+            return self._check(pictures, advance)
+        try:
+            result = self._check(pictures, advance)
+        except NotEnoughDataError as error:
+            raise NotEnoughDataError(
+                f"{error} {difference[0].upper()}{difference[1:]}: correct the one that is wrong."
+            ) from error
+        if result.status is CheckStatus.VALID:
+            advice = "if it is the same board, correct the one that is wrong"
+            return replace(result, note=f"{difference}: {advice}")
+        if not has_same_corners(board, fitted):
+            advice = (
+                "a wrong size looks like a change of the camera, so correct it, or take pictures of"
+                " the calibration's board"
+            )
+        elif self._agrees_with(pictures, fitted.square, advance):
+            advice = (
+                f"the pictures agree with the calibration if they are {1e3 * fitted.square:g} mm,"
+                " so correct the description of these pictures"
+            )
+        else:
+            advice = (
+                "the pictures agree with the calibration with neither. Measure"
+                f" a {board.cell}, correct the one that is wrong, and check again"
+            )
+        change = Change(OTHER_BOARD, f"{difference}: {advice}", 1.0)
+        return replace(result, changes=(change,), lacking="")
+
+    def _agrees_with(
+        self, pictures: Pictures, square: float, advance: Callable[[int, str], None]
+    ) -> bool:
+        """Return True if the calibration is valid for the pictures of a board with these squares,
+        m.
+        """
+        board = replace(pictures.board, square=square)
+        try:
+            return self._check(replace(pictures, board=board), advance).status is CheckStatus.VALID
+        except NotEnoughDataError:
+            return False
 
     def _check(self, pictures: Pictures, advance: Callable[[int, str], None]) -> CheckResult:
         views, poses, residual, unexplained = self._fit_poses(pictures)

@@ -16,6 +16,9 @@ from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.session import read_session
 
+OTHER_BOARD = "other_board"
+"""The name of a change of the board, or of its description."""
+
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
@@ -61,7 +64,7 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
             session.board,
             rejected,
             f"the board is not that of the calibration: {error}".rstrip("."),
-            "other_board",
+            OTHER_BOARD,
         )
     except NotEnoughDataError as error:
         raise NotEnoughDataError(f"No picture can be checked: {error}") from error

@@ -138,6 +138,8 @@ class CheckResult:
     """The name of the most probable change if the calibration's own views show it too: then the
     model lacks the effect, and nothing has changed.
     """
+    note: str = ""
+    """A remark on the board of a valid check, without a capital and a full stop."""
 
     @property
     def sentence(self) -> str:
@@ -180,5 +182,6 @@ class CheckResult:
                 ],
                 "changes": [change.as_json() for change in self.changes],
                 "lacking": self.lacking,
+                "note": self.note,
             }
         )

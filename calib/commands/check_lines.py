@@ -7,13 +7,16 @@ from pathlib import Path
 
 from rich.console import Console
 
+from calib.checking.pictures import OTHER_BOARD
 from calib.checking.result import CheckResult, CheckStatistics, CheckStatus
 from calib.checking.significance import ALPHA
 from calib.checking.update import NumberUpdate
 from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.fitting.rounding import with_sigma
-from calib.io.shell import shell_path
+from calib.intrinsics.calibrate import MIN_BARE_POSES
+from calib.io.images import frames_folder, list_images
+from calib.io.shell import shell_line
 
 UNNAMED = ("unknown", "other_camera")
 """The names of changes that an estimate of this calibration's numbers does not describe."""
@@ -46,23 +49,43 @@ def next_command(
     """Return the command to type next: a diagnosis of a calibration that lacks an effect; a new
     recording if the pictures are a recorded session's, and the calibration is not valid or was
     fitted to most of them; a fit of pictures that cannot be compared, or whose change has no name;
-    otherwise a report.
+    otherwise a report. Pictures that are too few for a fit are recorded anew as well, and a board
+    that is described in two ways is checked again.
     """
     if result.lacking and not updated:
-        return f"calib diagnose {shell_path(calibration)}"
+        return shell_line("calib", "diagnose", calibration)
     places = (pictures[0], *pictures[0].parents[:2])
     sessions = [folder for folder in places if (folder / "session.yaml").is_file()]
     session = sessions[0] if sessions else pictures[0]
     is_recorded = bool(sessions) and (session / "frames").is_dir()
-    is_unnamed = bool(result.changes) and result.changes[0].name in UNNAMED
-    if not (is_recorded or updated) and (is_unnamed or result.statistics is None):
-        return f"calib fit {' '.join(map(shell_path, pictures))}"
+    change = result.changes[0].name if result.changes else ""
+    if change == OTHER_BOARD and result.statistics:
+        return shell_line("calib", "check", calibration, *pictures)
+    if not (is_recorded or updated) and (change in UNNAMED or result.statistics is None):
+        if _count_pictures(pictures) >= MIN_BARE_POSES:
+            return shell_line("calib", "fit", *pictures)
+        return _recording(session if session.is_dir() else session.parent)
     is_checked = result.status is CheckStatus.VALID and not result.is_known
     if updated or is_checked or not is_recorded:
-        return f"calib report {shell_path(calibration)}"
+        return shell_line("calib", "report", calibration)
+    return _recording(session)
+
+
+def _count_pictures(places: Sequence[Path]) -> int:
+    """Return the number of picture files. A session counts as enough: it may list corners alone."""
+    count = 0
+    for place in places:
+        if (place / "session.yaml").exists():
+            return MIN_BARE_POSES
+        count += len(list_images(frames_folder(place))) if place.is_dir() else 1
+    return count
+
+
+def _recording(session: Path) -> str:
+    """Return the command that records a session again, into a folder beside it."""
     if not session.name.strip("."):  # "." and ".." are not names
         session = session.resolve()
-    return f"capture {shell_path(session.with_name(f'{session.name}-again'))}"
+    return shell_line("capture", session.with_name(f"{session.name}-again"))
 
 
 def result_lines(result: CheckResult, numbers: Sequence[NumberUpdate] = ()) -> Iterator[str]:
@@ -86,6 +109,8 @@ def _reasons(result: CheckResult) -> Iterator[str]:
     alone = len(result.changes) == 1
     for change in result.changes:
         yield f"{change}." if alone else f"{100 * change.probability:.0f} %: {change}."
+    if result.note:
+        yield f"{result.note}."
     if result.lacking:
         yield (
             f"the calibration's own views show the same ({result.lacking}): probably nothing has"

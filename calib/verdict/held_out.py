@@ -1,16 +1,14 @@
 """Checks: the errors on held-out views of the fit's folds, and of an evaluation."""
 
-import math
 from collections.abc import Iterator
 
+from calib.fitting.board_difference import describe_difference, has_same_corners
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.supported_depths import trusted_depths
 from calib.verdict.case import Case
 from calib.verdict.thresholds import HELD_OUT, HELD_OUT_ELSEWHERE, MIN_ELSEWHERE
 from calib.verdict.verdict import Reason, Trust
 
-SAME_SIDE = 1e-3
-"""The relative difference below which two sides are the same, written or measured again."""
 MOST_BAD_VIEWS = 10
 """Views that a sentence names."""
 
@@ -78,15 +76,10 @@ def held_out(case: Case) -> Iterator[Reason]:
 def _other_squares(case: Case, evaluation: Evaluation) -> Iterator[Reason]:
     """Report a board that has the corners of the calibration's and another size."""
     board, fitted = evaluation.board, case.calibration.board
-    if not (board and board.has_grid and fitted.has_grid):
+    if not (board and has_same_corners(board, fitted)):
         return
-    same_corners = (board.columns, board.rows) == (fitted.columns, fitted.rows)
-    if same_corners and not math.isclose(board.square, fitted.square, rel_tol=SAME_SIDE):
-        sentence = (
-            f"the squares are {1e3 * board.square:g} mm in {case.holdout}, and"
-            f" {1e3 * fitted.square:g} mm in the calibration: if it is the same board, correct the"
-            " one that is wrong."
-        )
+    if difference := describe_difference(board, fitted, f"in {case.holdout}"):
+        sentence = f"{difference}: if it is the same board, correct the one that is wrong."
         yield Reason(sentence, case.next.evaluate())
 
 

@@ -40,6 +40,7 @@ KEYS = {
         "frames_rejected",
         "changes",
         "lacking",
+        "note",
         "next",
         "written",
     ),
@@ -227,7 +228,7 @@ def test_another_mode_in_the_folder_one_is_in(
     assert f"Next: capture {tmp_path}-again" in capsys.readouterr().out
     (tmp_path / "session.yaml").unlink()
     assert main(["check", str(saved), "frames/a.png"]) == 5
-    assert "Next: calib fit frames/a.png" in capsys.readouterr().out
+    assert "Next: capture frames-again" in capsys.readouterr().out, "no fit of one picture"
 
 
 def test_a_valid_check_prints_no_alarm() -> None:
@@ -258,6 +259,73 @@ def test_what_has_no_name_is_recorded_anew(name: str, is_named: bool, tmp_path: 
     changes = (Change(name, "words", 1.0),)
     result = CheckResult(CheckStatus.BROKEN, statistics, changes, ())
     assert ("sharper pictures" in "\n".join(result_lines(result))) == is_named
-    command = next_command(result, tmp_path / "out", [tmp_path / "new"], updated=False)
-    expected = f"calib report {tmp_path}/out" if is_named else f"calib fit {tmp_path}/new"
+    folder = tmp_path / "new"
+    folder.mkdir()
+    pictures = [folder / f"{number}.png" for number in range(4)]
+    for picture in pictures:
+        picture.touch()
+    command = next_command(result, tmp_path / "out", [folder], updated=False)
+    expected = f"calib report {tmp_path}/out" if is_named else f"calib fit {folder}"
     assert command == expected
+    few = next_command(result, tmp_path / "out", pictures[:3], updated=False)
+    assert few == (expected if is_named else f"capture {tmp_path}/new-again"), "no fit of so few"
+
+
+def test_squares_of_another_size_are_named_and_no_change_of_the_camera(
+    cameras: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made, checker = cameras["cone"]
+    board = checker.calibration.board
+    views = Later.drawn(made, None, 301, 6).views()
+    saved = tmp_path / "out"
+    checker.calibration.save(saved)
+    declared = replace(checker.calibration, board=replace(board, square=3 * board.square))
+    later = session(tmp_path / "later", declared, views)
+    assert main(["check", str(saved), str(later), "--json"]) == 5
+    answer = json.loads(capsys.readouterr().out)
+    (change,) = answer["changes"]
+    assert change["name"] == "other_board"
+    side = 1e3 * board.square
+    assert change["sentence"] == (
+        f"the squares are {3 * side:g} mm in these pictures, and {side:g} mm in the calibration:"
+        f" the pictures agree with the calibration if they are {side:g} mm, so correct the"
+        " description of these pictures"
+    )
+    assert answer["next"] == f"calib check {saved} {later}"
+
+
+@pytest.mark.slow
+def test_pictures_that_agree_with_neither_size_name_no_change_of_the_camera(cameras: Made) -> None:
+    made, checker = cameras["flat"]
+    board = checker.calibration.board
+    change = next(change for change in checker.changes if change.name == "board_shape")
+    views = Later.drawn(made, change, 301, 6).views(30.0)
+    result = checker.check(Pictures(views, replace(board, square=3 * board.square)))
+    assert [change.name for change in result.changes] == ["other_board"]
+    assert "the pictures agree with the calibration with neither" in result.changes[0].words
+
+
+def test_another_board_is_a_note_where_the_pictures_agree(cameras: Made) -> None:
+    made, checker = cameras["flat"]
+    board = checker.calibration.board
+    views = Later.drawn(made, None, 301, 4).views()
+    assert checker.check(Pictures(views, replace(board, square=1.0001 * board.square))).note == ""
+    result = checker.check(Pictures(views, replace(board, square=1.002 * board.square)))
+    assert result.status is CheckStatus.VALID
+    assert "if it is the same board, correct the one that is wrong" in result.note
+    assert f"- {result.note}." in list(result_lines(result))
+
+
+def test_another_grid_is_named(cameras: Made) -> None:
+    """The corners of some rows alone, with squares that are too large."""
+    made, checker = cameras["cone"]
+    board = checker.calibration.board
+    shorter = replace(board, rows=board.rows - 1, square=3 * board.square)
+    count = shorter.count
+    views = tuple(
+        replace(view, corners=view.corners[:count], weight=view.weight[:count], covariance=None)
+        for view in Later.drawn(made, None, 301, 6).views()
+    )
+    (change,) = checker.check(Pictures(views, shorter)).changes
+    assert change.name == "other_board"
+    assert "a wrong size looks like a change of the camera" in change.words
