@@ -15,8 +15,8 @@ from calib.commands.check_lines import error_words, p_text
 from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.fitting.rounding import with_sigma
-from calib.io.shell import shell_path
-from calib.rig.check_result import RigCheckResult
+from calib.io.shell import shell_line, shell_path
+from calib.rig.check_result import CONTRADICTION, RigCheckResult
 
 MIN_PLACEMENTS = 3
 """The fewest placements that a check should have."""
@@ -43,11 +43,13 @@ def print_rig_check(result: RigCheckResult, following: str) -> None:
 
 
 def next_rig_command(result: RigCheckResult, rig: Path, pictures: Path) -> str:
-    """Return the command to type next: the errors on these pictures of a rig that holds, and a new
-    recording of one that does not.
+    """Return the command to type next: the errors on these pictures of a rig that holds, a new
+    recording of one that does not, and the same check of pictures whose pairing is to be corrected.
     """
     if result.status is CheckStatus.VALID:
-        return f"calib rig evaluate {shell_path(rig)} {shell_path(pictures)}"
+        return shell_line("calib", "rig", "evaluate", rig, pictures)
+    if any(change.change.name == CONTRADICTION for change in result.changes):
+        return shell_line("calib", "rig", "check", rig, pictures)
     session = pictures if pictures.is_dir() else pictures.parent
     if not session.name.strip("."):  # "." and ".." are not names
         session = session.resolve()

@@ -15,6 +15,10 @@ from calib.rig.rig_content import RejectedView
 Array = NDArray[np.float64]
 
 
+CONTRADICTION = "contradicting_pictures"
+"""The name of the finding that the pictures of a camera do not agree on where it is."""
+
+
 @dataclass(frozen=True, slots=True)
 class RigChange:
     """A possible change of a rig."""

@@ -17,12 +17,19 @@ from torch import Tensor
 from calib.checking.check import Checker
 from calib.checking.overdispersion import Overdispersion
 from calib.checking.pictures import Pictures
-from calib.checking.result import CheckResult, CheckStatus
+from calib.checking.result import Change, CheckResult, CheckStatus
 from calib.checking.significance import ALPHA
 from calib.errors import InputError, NotEnoughDataError
 from calib.progress import Progress, Silent, check_progress
-from calib.rig.check_result import RigChange, RigCheckResult
+from calib.rig.check_result import CONTRADICTION, RigChange, RigCheckResult
+from calib.rig.clock_shift import describe_clock_shift
 from calib.rig.later_views import LaterViews, read_later_views, renumber_views
+from calib.rig.mounting_agreement import (
+    MIN_COMPARED,
+    MountingAgreement,
+    describe_other_pairing,
+    turn_steps,
+)
 from calib.rig.mounting_test import MOUNTING_SHARE, MountingCheck, MountingTest
 from calib.rig.placement_equations import LinearRig
 from calib.rig.placements import Placements
@@ -31,10 +38,13 @@ from calib.rig.rig import Rig, RigCalibrationSource
 from calib.rig.rig_content import RejectedView
 from calib.rig.rig_file import RigSource, read_rig
 from calib.rig.shared_placements import SharedPlacements, own_scatter
+from calib.session.board import Board
 from calib.threads import single_thread
 
 CHANGED = "its own calibration no longer holds, so its pose cannot be compared"
 LEADS = "its cover is shared, and the pictures do not tell its motion from that of the cover"
+CONTRADICTORY = "its pictures contradict each other"
+LEFT_OUT = "the pictures of another camera contradict each other"
 ALONE = "no other compared camera sees the board together with it"
 
 
@@ -135,7 +145,37 @@ class RigChecker:
         )
         test = MountingTest(self.rig, self.linear, base, reported, movable, self.scatter)
         assert shared  # the components are not empty
-        return replace(test.run(shared), unplaced=unplaced)
+        contradictions = self._contradictions(names, base, views, placements)
+        check = test.run(shared, explain=not contradictions)
+        if not contradictions or check.p_value >= ALPHA * MOUNTING_SHARE:
+            return replace(check, unplaced=unplaced)
+        named = {change.camera for change in contradictions}
+        unplaced |= {name: CONTRADICTORY if name in named else LEFT_OUT for name in reported}
+        return replace(
+            check,
+            status=CheckStatus.BROKEN,
+            changes=contradictions,
+            places={},
+            unplaced=unplaced,
+        )
+
+    def _contradictions(
+        self,
+        names: Sequence[str],
+        base: str,
+        views: Mapping[str, LaterViews],
+        placements: Placements,
+    ) -> tuple[RigChange, ...]:
+        """Return a finding for each camera on whose place against the base its pictures do not
+        agree.
+        """
+        board = self.rig.calibrations[base].board
+        findings = (
+            _contradiction(name, views[name], views[base], placements, base, board)
+            for name in names
+            if name != base
+        )
+        return tuple(finding for finding in findings if finding)
 
     def _poses_in_frame(self, name: str, poses: Tensor) -> Tensor:
         """Return the (V, 6) poses of boards in the frame of the first camera behind a cover."""
@@ -175,9 +215,40 @@ def check_rig(
             " Take pictures that show the whole board."
         )
     placements = Placements.of(description, {name: c.views for name, c in cameras.items()})
+    times = {name: camera.views for name, camera in cameras.items()}
+    if sentence := describe_clock_shift(description, times, placements):
+        raise NotEnoughDataError(sentence)
     with single_thread():
         cameras = renumber_views(calibrated, cameras, placements)
     return RigChecker.of(calibrated).check(cameras, placements, rejected, progress)
+
+
+def _contradiction(
+    name: str,
+    views: LaterViews,
+    base_views: LaterViews,
+    placements: Placements,
+    base: str,
+    board: Board,
+) -> RigChange | None:
+    """Return the finding that the placements disagree on where a camera is; None if they agree."""
+    of_base = {place: row for row, place in enumerate(placements.of_views[base].tolist())}
+    rows = [row for row, place in enumerate(placements.of_views[name].tolist()) if place in of_base]
+    base_rows = [of_base[int(placements.of_views[name][row])] for row in rows]
+    if len(rows) < MIN_COMPARED:
+        return None
+    poses, base_poses = views.poses[rows], base_views.poses[base_rows]
+    steps = turn_steps(board)
+    agreement = MountingAgreement.of(poses, base_poses, steps)
+    if not agreement.is_contradictory:
+        return None
+    advice = describe_other_pairing(poses, base_poses, steps, name).rstrip(".")
+    words = (
+        f"only {agreement.count} of the {len(rows)} pictures that {name} shares with {base} agree"
+        " on where it is, so they show no movement"
+        + (f". {advice}" if advice else ": correct together in rig.yaml, and check again")
+    )
+    return RigChange(name, Change(CONTRADICTION, words, 1.0))
 
 
 def _components(placements: Placements, names: Sequence[str]) -> list[tuple[str, ...]]:

@@ -24,6 +24,7 @@ from calib.fitting.fit import fit
 from calib.inference.calibration_model import full_model
 from calib.optics.params import Values
 from calib.progress import Progress, Silent, check_progress
+from calib.rig.clock_shift import describe_clock_shift
 from calib.rig.disagreement import estimate_with_disagreement, with_noise
 from calib.rig.joint_estimate import CameraState, RigEstimate, RigState
 from calib.rig.layout import RigLayout
@@ -130,9 +131,10 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
 def _start(
     description: RigDescription, calibrations: Mapping[str, Calibration]
 ) -> tuple[RigStart, Placements]:
-    placements = Placements.of(
-        description, {name: calibration.views for name, calibration in calibrations.items()}
-    )
+    views = {name: calibration.views for name, calibration in calibrations.items()}
+    placements = Placements.of(description, views)
+    if sentence := describe_clock_shift(description, views, placements):
+        raise NotEnoughDataError(sentence)
     poses = {
         name: torch.from_numpy(calibration.poses[:, :6])
         for name, calibration in calibrations.items()

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import chdtri
 
+from calib.corners.copies import count_fitted
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
 from calib.fitting.rounding import with_sigma
@@ -16,6 +17,7 @@ from calib.io.shell import shell_path
 from calib.rig.evaluate_rig import RigEvaluation
 from calib.rig.held_out_placements import MIN_SHARED as MIN_DIAGNOSED
 from calib.rig.rig import Rig
+from calib.rig.rig_content import Baseline
 from calib.rig.rig_effects import RIG_FLEX, RIG_SLIP
 from calib.session.deviation import independent_deviation
 from calib.verdict.judge import judge
@@ -33,6 +35,12 @@ board at the same place.
 """
 MAX_BASELINE_SIGMA = 0.02
 """The largest relative standard deviation of a baseline: depths have at least the same."""
+SAME_PLACE_SIGMAS = 3.0
+"""Standard deviations up to which two cameras are not apart, or not turned."""
+SAME_PLACE = 0.002
+"""m: the farthest that two cameras which stand at one place may be from each other. No two lenses
+fit into it; a wider distance is one that the pictures do not tell.
+"""
 MAX_HELD_OUT = 1.5
 """The largest error on held-out placements over that of the fit."""
 MAX_NORMALISED = 2.0
@@ -171,11 +179,63 @@ def found_effects(case: RigCase) -> Iterator[Reason]:
             yield Reason(f"{effect.sentence}: {MENDING[effect.effect]}.", case.fit_command)
 
 
+def same_camera(case: RigCase) -> Iterator[Reason]:
+    """Yield a reason for each pair of cameras that have the same pictures, or that stand at the
+    same place.
+    """
+    for baseline in case.rig.baselines:
+        names = baseline.first, baseline.second
+        if count := _count_copies(case.rig, *names):
+            sentence = (
+                f"{count} pictures of {names[1]} are those of {names[0]}, with equal corners:"
+                f" give {names[1]} its own pictures."
+            )
+        elif _is_same_place(case.rig, baseline):
+            sentence = (
+                f"{names[0]} and {names[1]} stand at the same place,"
+                f" {1000 * baseline.metres:.2f} ± {1000 * baseline.sigma:.2f} mm apart and not"
+                " turned, as one camera does whose pictures were taken twice: give each camera its"
+                " own pictures."
+            )
+        else:
+            continue
+        yield Reason(sentence, case.fit_command, word=Trust.DO_NOT_USE)
+
+
+def _count_copies(rig: Rig, first: str, second: str) -> int:
+    """Return how many views of the second camera are views of the first, if most are."""
+    views = rig.calibrations[second].views
+    count = count_fitted(views, rig.calibrations[first].views)
+    return count if 2 * count > len(views) else 0
+
+
+def _is_same_place(rig: Rig, baseline: Baseline) -> bool:
+    """Return True if neither a distance nor a turn of two cameras is significant."""
+    if not rig.covariance.size:
+        return False
+    mountings = [rig.mounting(name) for name in (baseline.first, baseline.second)]
+    turn = mountings[0].T_camera_reference[:3, :3] @ mountings[1].T_camera_reference[:3, :3].T
+    angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0))
+    sigma = np.linalg.norm([mounting.sigma[:3] for mounting in mountings])
+    farthest = baseline.metres + SAME_PLACE_SIGMAS * baseline.sigma
+    return bool(
+        baseline.metres <= SAME_PLACE_SIGMAS * baseline.sigma
+        and farthest < SAME_PLACE
+        and angle <= SAME_PLACE_SIGMAS * sigma
+    )
+
+
 def uncertain_baselines(case: RigCase) -> Iterator[Reason]:
-    """Yield a reason for each uncertain distance between a camera and the reference."""
+    """Yield a reason for each uncertain distance between a camera and the reference, where these
+    are two cameras.
+    """
     for baseline in case.rig.baselines:
         relative = baseline.sigma / baseline.metres if baseline.metres else np.inf
         is_first = case.rig.reference in (baseline.first, baseline.second)
+        if _count_copies(case.rig, baseline.first, baseline.second) or _is_same_place(
+            case.rig, baseline
+        ):
+            continue
         if case.rig.covariance.size and is_first and relative > MAX_BASELINE_SIGMA:
             yield Reason(
                 f"the distance from {baseline.first} to {baseline.second} is"
@@ -230,16 +290,20 @@ def _new_recording(case: RigCase) -> str:
 
 
 def camera_reasons(case: RigCase) -> Iterator[Reason]:
-    """Yield the reasons of each camera, with its name."""
+    """Yield the reasons of each camera, with its name, and the commands of the rig."""
     for name, calibration in case.rig.calibrations.items():
         for reason in judge(calibration, folder=case.folder / name).reasons:
-            is_fit = reason.next.startswith("calib fit ")
-            command = case.fit_command if is_fit else reason.next
+            command = reason.next
+            if command.startswith("calib fit "):
+                command = case.fit_command
+            elif command.startswith("capture "):  # of one camera alone
+                command = _new_recording(case)
             yield replace(reason, sentence=f"{name}: {reason.sentence}", next=command)
 
 
 RIG_CHECKS: tuple[RigCheck, ...] = (
     rig_not_converged,
+    same_camera,
     few_shared,
     found_effects,
     contradicted_baseline,

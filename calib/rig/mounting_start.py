@@ -19,18 +19,16 @@ from torch import Tensor
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.optics import rotation
+from calib.rig.mounting_agreement import (
+    MountingAgreement,
+    describe_other_pairing,
+    turn_poses,
+    turn_steps,
+)
 from calib.rig.placements import Indices, Placements
 from calib.rig.poses import compose, invert_poses
 from calib.session.board import Board
 
-MAX_ANGLE = 0.05
-"""rad: two mountings agree up to this angle. The poses of single views are a few mrad off, and
-behind an undeclared cover some ten; half a turn of a tilted board is off by twice its tilt.
-"""
-MAX_SHIFT = 0.05
-"""The same for their translations, as a fraction of the board's distance."""
-MIN_AGREEING = 0.5
-"""The fraction of the shared pictures that must agree on the mounting."""
 MAX_RIVAL = 0.7
 """The largest number of pictures that agree on another mounting, as a fraction of those that agree
 on the best: more, and the pictures do not tell them apart.
@@ -66,7 +64,7 @@ def start_rig(
         NotEnoughDataError: a camera shares no picture of the board with the others, or they do not
             agree on its mounting, or agree on two.
     """
-    steps = _turn_steps(board)
+    steps = turn_steps(board)
     mountings = {reference: torch.zeros(6, dtype=torch.float64)}
     placed = torch.full((placements.count, 6), torch.nan, dtype=torch.float64)
     turns = {name: np.zeros(len(views), np.int64) for name, views in poses.items()}
@@ -93,7 +91,7 @@ def start_rig(
         mountings[name] = mounting
         turns[name][common] = quarters
         inconsistent[name][common] = ~agrees
-        turned = compose(poses[name], _turn_poses(turns[name]))
+        turned = compose(poses[name], turn_poses(turns[name]))
         usable = torch.from_numpy(~inconsistent[name])
         placed_poses = compose(invert_poses(mounting), turned)
         _place(placed, placed_poses[usable], place[usable.numpy()])
@@ -108,7 +106,7 @@ def turn_view(view: View, board: Board, quarters: int) -> View:
     """
     if not quarters % 4:
         return view
-    turn = rotation.matrix(_turn_poses(np.array([quarters]))[0, :3]).numpy()[:2, :2]
+    turn = rotation.matrix(turn_poses(np.array([quarters]))[0, :3]).numpy()[:2, :2]
     points = board.points()
     distances = np.linalg.norm((points @ turn.T)[:, None] - points, axis=-1)
     order = distances.argmin(1)
@@ -129,29 +127,15 @@ def nearest_turns(poses: Tensor, expected: Tensor, board: Board) -> tuple[Indice
     expected (V, 6) poses, and the poses without these turns. A view whose expected pose is NaN
     counts as not turned.
     """
-    steps = _turn_steps(board)
+    steps = turn_steps(board)
     candidates = torch.stack(
-        [compose(poses, _turn_poses(np.full(len(poses), step))) for step in steps], 1
+        [compose(poses, turn_poses(np.full(len(poses), step))) for step in steps], 1
     )
     turns = rotation.matrix(candidates[..., :3])
     trace = torch.einsum("vij,vkij->vk", rotation.matrix(expected[:, :3]), turns)
     chosen = trace.nan_to_num(0.0).argmax(-1)
     nearest = candidates[torch.arange(len(poses)), chosen]
     return np.array(steps, np.int64)[chosen.numpy()], nearest
-
-
-def _turn_steps(board: Board) -> tuple[int, ...]:
-    """Return the numbers of quarter turns after which the board looks the same."""
-    if board.coding:
-        return (0,)
-    return (0, 1, 2, 3) if board.columns == board.rows else (0, 2)
-
-
-def _turn_poses(quarters: Indices) -> Tensor:
-    """Return the (V, 6) poses of (V,) quarter turns about the board's z axis."""
-    poses = torch.zeros(len(quarters), 6, dtype=torch.float64)
-    poses[:, 2] = torch.from_numpy(quarters) * (torch.pi / 2)
-    return poses
 
 
 def _place(placed: Tensor, poses: Tensor, place: Indices) -> None:
@@ -172,26 +156,19 @@ def _mounting(
         placements: (V, 6) T_reference_board.
         steps: the possible quarter turns.
     """
-    inverses = invert_poses(placements)
-    candidates = torch.stack(
-        [
-            compose(compose(views, _turn_poses(np.full(len(views), step))), inverses)
-            for step in steps
-        ],
-        1,
-    )  # (V, K, 6)
-    reach = placements[:, 3:].norm(dim=-1)
-    middle = (inverses[:, 3:].norm(dim=-1) + reach) / 2
-    deviations = _deviations(candidates.flatten(0, 1), candidates, middle)  # (V K, V, K)
-    agrees = (deviations.amin(-1) <= 1).sum(-1)  # (V K,)
-    # Of equal numbers, the mounting whose agreeing views are nearest.
-    spread = deviations.amin(-1).clamp_max(1.0).sum(-1)
-    best = int((agrees - spread / (len(views) + 1)).argmax())
-    if int(agrees[best]) < max(1, MIN_AGREEING * len(views)):
+    agreement = MountingAgreement.of(views, placements, steps)
+    candidates, deviations = agreement.candidates, agreement.deviations
+    agrees, best = agreement.agreeing, agreement.best
+    if agreement.is_contradictory:
+        advice = describe_other_pairing(views, placements, steps, name)
         raise NotEnoughDataError(
-            f"Only {int(agrees[best])} of the {len(views)} pictures that {name} shares with the"
-            " other cameras agree on where it is: correct together in rig.yaml, or check that no"
-            " camera moved in between."
+            f"Only {agreement.count} of the {len(views)} pictures that {name} shares with the other"
+            " cameras agree on where it is"
+            + (
+                f". {advice}"
+                if advice
+                else ": correct together in rig.yaml, or check that no camera moved in between."
+            )
         )
     is_rival = deviations[best].flatten() > 4
     rivals = agrees[is_rival & (agrees > MAX_RIVAL * agrees[best])]
@@ -207,18 +184,6 @@ def _mounting(
     mounting = _average(picked, candidates.flatten(0, 1)[best])
     quarters = np.array(steps, np.int64)[chosen.numpy()]
     return mounting, quarters, agreeing.numpy()
-
-
-def _deviations(mountings: Tensor, candidates: Tensor, distance: Tensor) -> Tensor:
-    """Return the (N, V, K) deviations of (V, K, 6) candidates from (N, 6) mountings, 1 at the limit
-    of agreement. `distance` is the (V,) m distance of each view's board.
-    """
-    turns = rotation.matrix(mountings[:, :3])
-    candidate_turns = rotation.matrix(candidates[..., :3])
-    trace = torch.einsum("nij,vkij->nvk", turns, candidate_turns)
-    angle = torch.arccos(((trace - 1) / 2).clamp(-1.0, 1.0))
-    shift = (mountings[:, None, None, 3:] - candidates[..., 3:]).norm(dim=-1)
-    return torch.maximum(angle / MAX_ANGLE, shift / (MAX_SHIFT * distance[:, None]))
 
 
 def _average(mountings: Tensor, middle: Tensor) -> Tensor:

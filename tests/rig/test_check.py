@@ -14,9 +14,10 @@ from calib import check_rig as public_check_rig
 from calib.checking.result import CheckStatus
 from calib.checking.significance import ALPHA
 from calib.cli import main
+from calib.commands.rig_check_lines import next_rig_command
 from calib.errors import InputError, NotEnoughDataError
 from calib.progress import Silent
-from calib.rig.check_result import RigChange, RigCheckResult
+from calib.rig.check_result import CONTRADICTION, RigChange, RigCheckResult
 from calib.rig.check_rig import RigChecker, check_rig
 from calib.rig.fit_rig import fit_rig
 from calib.rig.later_views import read_later_views, renumber_views
@@ -102,6 +103,28 @@ def test_a_camera_that_moved(pair: SimulatedRig, check: Check) -> None:
     place = result.places["right"]
     assert abs(place.moved[0] - 1e-3) < 4 * place.moved[1]
     assert place.z > 5
+
+
+def test_pictures_that_contradict_each_other_show_no_movement(
+    pair: SimulatedRig, check: Check
+) -> None:
+    """Each picture of the right camera has the name of the one before."""
+    pictures = later(pair, 66, 6)
+    right = pictures.views["right"]
+    shifted = tuple(
+        replace(view, name=earlier.name) for view, earlier in zip(right[1:], right, strict=False)
+    )
+    result = check(replace(pictures, views={"left": pictures.views["left"], "right": shifted}))
+    assert result.status is CheckStatus.BROKEN
+    assert not result.places
+    change = only(result)
+    assert (change.camera, change.change.name) == ("right", CONTRADICTION)
+    assert "pictures that right shares with left agree on where it is, so they show no" in (
+        change.change.words
+    )
+    assert "Paired with the next picture of the other cameras, 4 of 4" in change.change.words
+    assert result.unplaced["right"] == "its pictures contradict each other"
+    assert next_rig_command(result, Path("rig"), Path("later")) == "calib rig check rig later"
 
 
 def test_a_camera_that_turned(pair: SimulatedRig, check: Check) -> None:

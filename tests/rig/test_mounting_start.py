@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from calib.errors import NotEnoughDataError
+from calib.optics import rotation
 from calib.rig.mounting_start import nearest_turns, start_rig, turn_view
 from calib.rig.placements import Placements
-from calib.rig.poses import compose, move_points
+from calib.rig.poses import compose, move_points, rotation_vector
 from calib.session.board import Board
 from calib.session.coding import Charuco
 from fixtures.rigs import SimulatedRig, simulate_rig, true_poses
@@ -64,8 +65,34 @@ def test_a_camera_that_moved_is_named(rig: SimulatedRig) -> None:
     moved = torch.from_numpy(rng.normal(0, 0.3, (len(rig.placements), 6)))
     poses["right"] = compose(moved, poses["right"])
     places = placements_of(rig)
-    with pytest.raises(NotEnoughDataError, match="agree on where it is"):
+    with pytest.raises(NotEnoughDataError, match="agree on where it is: correct together"):
         start_rig(poses, places, "left", BOARD)
+
+
+@pytest.mark.parametrize(
+    ("order", "says"),
+    [
+        ([*range(1, 8), 0], "Paired with the next picture of the other cameras, 7 of 7 pictures"),
+        ([7, *range(7)], "Paired with the previous picture of the other cameras, 7 of 7 pictures"),
+    ],
+    ids=["early", "late"],
+)
+def test_a_pairing_that_is_one_off_is_named(rig: SimulatedRig, order: list[int], says: str) -> None:
+    poses = {"left": true_poses(rig, "left"), "right": true_poses(rig, "right")[order]}
+    with pytest.raises(NotEnoughDataError, match=says):
+        start_rig(poses, placements_of(rig), "left", BOARD)
+
+
+def test_a_mirrored_camera_is_named(rig: SimulatedRig) -> None:
+    """The mirror maps x to -x in the camera's frame and in the board's."""
+    mirror = torch.diag(torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64))
+    poses = true_poses(rig, "right")
+    turns = mirror @ rotation.matrix(poses[:, :3]) @ mirror
+    mirrored = torch.cat([rotation_vector(turns), poses[:, 3:] @ mirror], -1)
+    with pytest.raises(NotEnoughDataError, match="With those of right mirrored, 8 of 8 pictures"):
+        start_rig(
+            {"left": true_poses(rig, "left"), "right": mirrored}, placements_of(rig), "left", BOARD
+        )
 
 
 def test_one_picture_of_another_moment_is_left_out(rig: SimulatedRig) -> None:

@@ -23,7 +23,7 @@ from calib.rig.evaluate_rig import LengthBand, RigEvaluation, evaluate_rig
 from calib.rig.fit_rig import fit_rig
 from calib.rig.gauge import gauge_motion, mounting_motion
 from calib.rig.joint_estimate import RigEstimate
-from calib.rig.judge import judge_rig
+from calib.rig.judge import RigCase, camera_reasons, judge_rig, same_camera
 from calib.rig.poses import move_points, pose_matrix
 from calib.rig.rig import Rig
 from calib.rig.rig_geometry import placed_cameras
@@ -309,6 +309,41 @@ def test_the_verdict_names_a_rig_that_moves(fitted: Rig) -> None:
     assert any("with one pose of the board for all cameras" in text for text in sentences)
     hidden = replace(fitted, covariance=np.zeros((0, 0)))
     assert judge_rig(hidden).word.value == "do_not_use"
+
+
+def test_a_camera_that_is_in_a_rig_twice_is_named(fitted: Rig) -> None:
+    """By equal corners, or by a place and a direction that are the same within their sigma."""
+    left, right = fitted.calibrations["left"], fitted.calibrations["right"]
+    copied = replace(fitted, calibrations={"left": left, "right": replace(right, views=left.views)})
+    (reason,) = same_camera(case_of(copied))
+    assert "12 pictures of right are those of left, with equal corners" in reason.sentence
+    assert reason.word is Trust.DO_NOT_USE
+    assert not list(same_camera(case_of(fitted)))
+
+    def mounted(*pose: float) -> Rig:
+        return replace(fitted, mountings=np.array([np.zeros(6), pose]))
+
+    sigma = fitted.baselines[0].sigma
+    (reason,) = same_camera(case_of(mounted(0, 0, 0, 0.3 * sigma, 0, 0)))
+    assert reason.sentence.startswith("left and right stand at the same place, 0.0")
+    assert reason.word is Trust.DO_NOT_USE
+    for pose in ((0, 0, 0, 0.01, 0, 0), (0, 0.1, 0, 0.3 * sigma, 0, 0)):
+        assert not list(same_camera(case_of(mounted(*pose))))
+
+
+def test_a_camera_s_reasons_propose_commands_of_the_rig(fitted: Rig) -> None:
+    """A recording of one camera alone has no moment that it shares with the others."""
+    left = fitted.calibrations["left"]
+    few = replace(left, views=left.views[:2], poses=left.poses[:2])
+    rig = replace(fitted, calibrations={**fitted.calibrations, "left": few})
+    commands = {reason.next for reason in camera_reasons(case_of(rig))}
+    recording = f"capture {Path(fitted.record.source).parent}-again --source NAME=SOURCE ..."
+    assert recording in commands
+    assert all(command == recording or "capture" not in command for command in commands)
+
+
+def case_of(rig: Rig) -> RigCase:
+    return RigCase(rig, Path("out"), Path(rig.record.source), None)
 
 
 @pytest.mark.parametrize(("placements", "reported"), [(1, False), (10, True)])
