@@ -267,8 +267,10 @@ def test_what_has_no_name_is_recorded_anew(name: str, is_named: bool, tmp_path: 
     command = next_command(result, tmp_path / "out", [folder], updated=False)
     expected = f"calib report {tmp_path}/out" if is_named else f"calib fit {folder}"
     assert command == expected
-    few = next_command(result, tmp_path / "out", pictures[:3], updated=False)
-    assert few == (expected if is_named else f"capture {tmp_path}/new-again"), "no fit of so few"
+    proposal = next_command(result, tmp_path / "out", pictures[:3], updated=False)
+    assert proposal == (expected if is_named else f"capture {tmp_path}/new-again"), (
+        "no fit of so few"
+    )
 
 
 def test_squares_of_another_size_are_named_and_no_change_of_the_camera(

@@ -95,7 +95,7 @@ def test_fit_json_carries_the_verdict_and_the_written_files(
     assert answer["written"] == [str(out / name) for name in names]
     verdict = answer["verdict"]
     assert isinstance(verdict, dict)
-    assert list(verdict) == ["word", "maps_hold", "reasons", "suspects", "next"]
+    assert list(verdict) == ["word", "maps_hold", "reasons", "suspects", "next", "notes"]
     assert verdict["word"] == "care"
     assert any("6 poses of the board are too few" in reason for reason in verdict["reasons"])
     assert verdict["next"].endswith(str(folder))

@@ -83,7 +83,7 @@ def test_the_command_s_json_carries_the_verdict(
     assert answer["written"] == [
         str(tmp_path / "diagnosed" / name) for name in ("calibration.yaml", "report.html")
     ]
-    assert list(answer["verdict"]) == ["word", "maps_hold", "reasons", "suspects", "next"]
+    assert list(answer["verdict"]) == ["word", "maps_hold", "reasons", "suspects", "next", "notes"]
 
 
 def test_the_contract_s_json_has_its_keys(diagnosed: tuple[Calibration, Diagnosis]) -> None:

@@ -313,8 +313,8 @@ def test_the_verdict_names_a_rig_that_moves(fitted: Rig) -> None:
 
 def test_a_camera_that_is_in_a_rig_twice_is_named(fitted: Rig) -> None:
     """By equal corners, or by a place and a direction that are the same within their sigma."""
-    left, right = fitted.calibrations["left"], fitted.calibrations["right"]
-    copied = replace(fitted, calibrations={"left": left, "right": replace(right, views=left.views)})
+    copy = replace(fitted.calibrations["right"], views=fitted.calibrations["left"].views)
+    copied = replace(fitted, calibrations={**fitted.calibrations, "right": copy})
     (reason,) = same_camera(case_of(copied))
     assert "12 pictures of right are those of left, with equal corners" in reason.sentence
     assert reason.word is Trust.DO_NOT_USE
@@ -333,9 +333,9 @@ def test_a_camera_that_is_in_a_rig_twice_is_named(fitted: Rig) -> None:
 
 def test_a_camera_s_reasons_propose_commands_of_the_rig(fitted: Rig) -> None:
     """A recording of one camera alone has no moment that it shares with the others."""
-    left = fitted.calibrations["left"]
-    few = replace(left, views=left.views[:2], poses=left.poses[:2])
-    rig = replace(fitted, calibrations={**fitted.calibrations, "left": few})
+    camera = fitted.calibrations["left"]
+    sparse = replace(camera, views=camera.views[:2], poses=camera.poses[:2])
+    rig = replace(fitted, calibrations={**fitted.calibrations, "left": sparse})
     commands = {reason.next for reason in camera_reasons(case_of(rig))}
     recording = f"capture {Path(fitted.record.source).parent}-again --source NAME=SOURCE ..."
     assert recording in commands
