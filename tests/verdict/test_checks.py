@@ -431,7 +431,7 @@ def test_a_principal_point_outside_of_the_picture(good: Calibration) -> None:
 
 
 @pytest.mark.parametrize(
-    ("glass", "outside", "says"),
+    ("glass", "medium_index", "says"),
     [
         (1.333, 1.49, "with the index 1.333, and what is outside with 1.49: are the two swapped?"),
         (1.33, 1.0, "the index of the glass is that of water"),
@@ -440,10 +440,13 @@ def test_a_principal_point_outside_of_the_picture(good: Calibration) -> None:
     ],
 )
 def test_the_indices_of_the_glass_and_of_what_is_outside(
-    good: Calibration, glass: float, outside: float, says: str
+    good: Calibration, glass: float, medium_index: float, says: str
 ) -> None:
     def declared(number: Number) -> Calibration:
-        indices = {COVER.refractive_index(): number, COVER.of("outside_index"): Number(outside)}
+        indices = {
+            COVER.refractive_index(): number,
+            COVER.of("outside_index"): Number(medium_index),
+        }
         cover = good.declared.cover.replace_numbers(indices)
         return replace(good, stated=replace(good.declared, cover=cover))
 
