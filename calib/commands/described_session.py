@@ -133,6 +133,22 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
     return read_session(source.session)
 
 
+def earlier_description(args: argparse.Namespace) -> "tuple[Path, bytes] | None":
+    """Return the session.yaml that the options may replace, and its content; None if there is none.
+
+    Raises:
+        InputError: the pictures do not exist.
+    """
+    from calib.importing.picture_session import DESCRIPTION, find_pictures
+    from calib.io.files import read_file
+
+    if not has_description(args):
+        return None
+    source = find_pictures(args.session)
+    file = source.session / DESCRIPTION
+    return (file, read_file(file)) if source.is_described else None
+
+
 def has_description(args: argparse.Namespace) -> bool:
     """True if the options describe pictures, so that a session.yaml is written for them."""
     return bool(

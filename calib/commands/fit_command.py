@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_camera, add_depths, add_output, add_overwrite, effects
-from calib.commands.described_session import add_description, has_description, session_of
+from calib.commands.described_session import (
+    add_description,
+    earlier_description,
+    has_description,
+    session_of,
+)
 from calib.commands.effect_names import effect_names_help
 from calib.commands.fit_options import add_fit_options, settings_of
 from calib.commands.loading import fast_imports
@@ -88,6 +93,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.verdict.judge import judge
 
     start = time.monotonic()
+    earlier = earlier_description(args)
     with Bars() as bars:
         session = session_of(args, bars)
     output = args.output or check_no_link(session.path / "calibration")
@@ -98,7 +104,7 @@ def run(args: argparse.Namespace) -> None:
     if effects != ("auto",):
         check_possible(session, settings, effects)
     with (
-        _naming_description(session.path, written=has_description(args)),
+        _naming_description(session.path, earlier, written=has_description(args)),
         FileSet(output, overwrite=args.overwrite, inputs=session.files) as files,
     ):
         files.reserve([*FILES, *npz_file_names(args.depth), NAME])
@@ -153,18 +159,29 @@ def run(args: argparse.Namespace) -> None:
 
 
 @contextmanager
-def _naming_description(session: Path, *, written: bool) -> Iterator[None]:
-    """If there is no calibration, say that the session.yaml that the options gave remains."""
+def _naming_description(
+    session: Path, earlier: tuple[Path, bytes] | None, *, written: bool
+) -> Iterator[None]:
+    """If the fit fails, say that the session.yaml that the options gave remains; or write the
+    earlier one again, if a fit with it has worked.
+    """
     from calib.errors import RefracalError, harmless
+    from calib.io.output_folder import OutputFolder
 
     try:
         yield
     except RefracalError:
-        if written and not (session / "calibration").exists():
+        if not written:
+            raise
+        if not (session / "calibration").exists():
             remark = (
                 f"calib: {session / 'session.yaml'} has what your options say. If that is wrong,"
                 " type the command again with other values."
             )
+            print(harmless(remark), file=sys.stderr)
+        elif earlier and earlier[0].parent == session:
+            OutputFolder(session, flag="").write(earlier[0].name, earlier[1])
+            remark = f"calib: {earlier[0]} is as it was before this command."
             print(harmless(remark), file=sys.stderr)
         raise
 

@@ -501,6 +501,17 @@ def test_a_failed_fit_names_the_description_that_remains(
     assert remark not in " ".join(capsys.readouterr().err.split()), "no option was given"
 
 
+def test_a_failed_fit_keeps_the_description_of_a_fit_that_worked(
+    photos: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", str(photos), *BOARD]) == 0
+    described_so = (photos / "session.yaml").read_text()
+    assert main(["fit", str(photos), "--board", "5x4"]) == 3
+    assert "session.yaml is as it was before this command" in capsys.readouterr().err
+    assert (photos / "session.yaml").read_text() == described_so
+    assert main(["fit", str(photos), "--square-mm", "30"]) == 0, "it is calib's own as before"
+
+
 def test_other_commands_name_the_one_that_makes_a_session(photos: Path, film: Path) -> None:
     for path in (photos, film):
         with pytest.raises(InputError) as caught:
