@@ -39,9 +39,10 @@ def split_copies(views: Sequence[View]) -> tuple[tuple[View, ...], tuple[Rejecte
 
 def count_fitted(views: Sequence[View], fitted_views: Sequence[View]) -> int:
     """Return how many of these views have the corners of a fitted view."""
-    return sum(
-        any(_is_same(view.corners, fitted.corners) for fitted in fitted_views) for view in views
-    )
+    if not fitted_views:
+        return 0
+    corners = np.stack([view.corners for view in fitted_views])
+    return sum(_is_there(corners, view.corners) for view in views)
 
 
 def join_still_poses(views: Sequence[View]) -> tuple[View, ...]:
@@ -82,10 +83,13 @@ def describe_still(views: Sequence[View]) -> tuple[str, ...]:
     )
 
 
-def _is_same(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
-    return first.shape == second.shape and bool(
-        np.nanmax(np.abs(first - second), initial=0.0) < SAME_PICTURE_PX
-    )
+def _is_there(views: NDArray[np.float64], corners: NDArray[np.float64]) -> bool:
+    """Return True if one of (P, N, 2) px views is of the picture with the (N, 2) px corners."""
+    if views.shape[1:] != corners.shape:
+        return False
+    distances = np.abs(views - corners).max(-1)  # (P, N), NaN where either is not visible
+    largest = np.where(np.isfinite(distances), distances, 0.0).max(1)
+    return bool(((largest < SAME_PICTURE_PX) & _has_common(views, corners)).any())
 
 
 def _find_still(poses: NDArray[np.float64], corners: NDArray[np.float64]) -> int | None:
@@ -95,8 +99,13 @@ def _find_still(poses: NDArray[np.float64], corners: NDArray[np.float64]) -> int
     squares = ((poses - corners) ** 2).sum(-1)  # (P, N), NaN where either is not visible
     common = np.isfinite(squares)
     mean_squares = np.where(common, squares, 0.0).sum(1) / np.maximum(common.sum(1), 1)
-    needed = MIN_COMMON * np.maximum(
-        np.isfinite(poses[..., 0]).sum(1), np.isfinite(corners[:, 0]).sum()
-    )
-    still = (mean_squares < STILL_PX**2) & (common.sum(1) >= np.maximum(needed, 1))
+    still = (mean_squares < STILL_PX**2) & _has_common(poses, corners)
     return int(np.argmax(still)) if still.any() else None
+
+
+def _has_common(views: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return (P,) whether (P, N, 2) px views show enough of the corners that (N, 2) px show."""
+    visible = np.isfinite(views[..., 0])
+    shown = np.isfinite(corners[:, 0])
+    needed = MIN_COMMON * np.maximum(visible.sum(1), shown.sum())
+    return (visible & shown).sum(1) >= np.maximum(needed, 1)

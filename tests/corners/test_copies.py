@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.corners.copies import describe_still, join_still_poses, split_copies
+from calib.corners.copies import count_fitted, describe_still, join_still_poses, split_copies
 from calib.corners.view import View, pose_labels
 
 RANDOM = np.random.default_rng(5)
@@ -26,6 +26,22 @@ def test_a_picture_that_is_there_again_counts_once() -> None:
         ("a2", "a copy of a, which counts once"),
         ("b2", "a copy of b, which counts once"),
     ]
+
+
+def test_other_parts_of_a_board_are_not_one_picture() -> None:
+    """Two cameras of a rig may see the board's halves, of which no corner is common."""
+    whole = view("a")
+    halves = np.arange(len(GRID)) < len(GRID) // 2
+
+    def part(shown: np.ndarray) -> View:
+        return replace(whole, corners=np.where(shown[:, None], whole.corners, np.nan))
+
+    assert count_fitted([whole], [view("b"), whole]) == 1
+    assert count_fitted([part(np.arange(len(GRID)) > 4)], [whole]) == 1
+    assert count_fitted([view("b")], [whole]) == 0
+    assert count_fitted([part(halves)], [part(~halves)]) == 0
+    assert count_fitted([whole], []) == 0
+    assert count_fitted([View("c", GRID[:9], np.ones(9))], [whole]) == 0
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.1, 0.2])
