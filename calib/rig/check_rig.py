@@ -19,6 +19,7 @@ from calib.checking.overdispersion import Overdispersion
 from calib.checking.pictures import Pictures
 from calib.checking.result import Change, CheckResult, CheckStatus
 from calib.checking.significance import ALPHA
+from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
 from calib.progress import Progress, Silent, check_progress
 from calib.rig.check_result import CONTRADICTION, RigChange, RigCheckResult
@@ -36,7 +37,7 @@ from calib.rig.placements import Placements
 from calib.rig.poses import compose, invert_poses
 from calib.rig.rig import Rig, RigCalibrationSource
 from calib.rig.rig_content import RejectedView
-from calib.rig.rig_file import RigSource, read_rig
+from calib.rig.rig_file import RigDescription, RigSource, read_rig
 from calib.rig.shared_placements import SharedPlacements, own_scatter
 from calib.session.board import Board
 from calib.threads import single_thread
@@ -214,13 +215,24 @@ def check_rig(
             "No picture can be checked: no pose of the board explains the corners of any picture."
             " Take pictures that show the whole board."
         )
-    placements = Placements.of(description, {name: c.views for name, c in cameras.items()})
-    times = {name: camera.views for name, camera in cameras.items()}
-    if sentence := describe_clock_shift(description, times, placements):
-        raise NotEnoughDataError(sentence)
+    views = {name: camera.views for name, camera in cameras.items()}
+    placements = Placements.of(description, views)
+    check_clocks(description, views, placements)
     with single_thread():
         cameras = renumber_views(calibrated, cameras, placements)
     return RigChecker.of(calibrated).check(cameras, placements, rejected, progress)
+
+
+def check_clocks(
+    description: RigDescription, views: Mapping[str, Sequence[View]], placements: Placements
+) -> None:
+    """Raise NotEnoughDataError if no cameras can be compared because of a clock. Where others can,
+    a camera that shares no moment with them is listed in the result.
+    """
+    if _components(placements, tuple(views)):
+        return
+    if sentence := describe_clock_shift(description, views, placements):
+        raise NotEnoughDataError(sentence)
 
 
 def _contradiction(

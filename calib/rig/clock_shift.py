@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 MIN_PAIRED = 3
 """The fewest pictures that a shift of the clock must pair: any two times differ by something."""
 MIN_FRACTION = 0.8
-"""The fraction of the pictures of the camera with fewer of them that it must pair."""
+"""The fraction of the camera's pictures that it must pair."""
 
 
 def describe_clock_shift(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calib.errors import NotEnoughDataError
+from calib.rig.check_rig import check_clocks
 from calib.rig.clock_shift import constant_shift, describe_clock_shift
 from calib.rig.fit_rig import fit_rig
 from calib.rig.placements import Placements
@@ -70,3 +71,16 @@ def test_times_of_other_moments_have_no_shift() -> None:
 def test_a_fit_states_the_shift(pair: SimulatedRig, tmp_path: Path) -> None:
     with pytest.raises(NotEnoughDataError, match="all 12 times of right are 3600"):
         fit_rig(timed(pair, SHIFT).write(tmp_path / "rig", together=TOGETHER), EVEN)
+
+
+def test_a_check_of_two_cameras_goes_on_without_a_third(pair: SimulatedRig, tmp_path: Path) -> None:
+    """Times at equal intervals pair with any others that are shifted."""
+    rig = timed(pair, 0.0)
+    description = read_rig(rig.write(tmp_path / "rig", together=TOGETHER))
+    third = tuple(replace(view, name=f"third {view.name}") for view in rig.views["right"])
+    alone = timed(replace(rig, views={"left": (), "right": third}), SHIFT).views["right"]
+    views = {**rig.views, "third": alone}
+    check_clocks(description, views, Placements.of(description, views))
+    apart = timed(pair, SHIFT).views
+    with pytest.raises(NotEnoughDataError, match="if its clock was off"):
+        check_clocks(description, apart, Placements.of(description, apart))
