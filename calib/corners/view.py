@@ -60,6 +60,8 @@ class View:
 
 MISFIT = "px do not fit the"
 """The words in the reason of a view that is not used because its error is too large."""
+BARE_PREFIX = "bare/"
+"""The start of the names of rejected pictures that were taken without the cover."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +70,11 @@ class RejectedPicture:
 
     name: str
     reason: str
+
+    @property
+    def is_misfit(self) -> bool:
+        """True if it is a view of the session whose error is too large, not one of bare/."""
+        return MISFIT in self.reason and not self.name.startswith(BARE_PREFIX)
 
 
 def describe_most(rejected: Sequence[RejectedPicture]) -> str:

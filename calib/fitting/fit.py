@@ -194,7 +194,7 @@ def fit(
         else:
             resolved = resolve_prior_conflict(fitted, setup, nominal, views, settings, progress)
     fitted, setup = resolved.fitted, resolved.setup
-    misfits = [picture.name for picture in rejected if MISFIT in picture.reason]
+    misfits = [picture.name for picture in rejected if picture.is_misfit]
     pictures = [*(view.name for view in views), *misfits]
     joint = fitted.joint
     uncertainty: Uncertainty | None = None

@@ -14,7 +14,7 @@ from calib.corners.corners_file import read_corners
 from calib.corners.detect_all import MIN_VIEWS, detect
 from calib.corners.point_views import views_of_points
 from calib.corners.pose_requirements import split_usable_views
-from calib.corners.view import RejectedPicture, View
+from calib.corners.view import BARE_PREFIX, RejectedPicture, View
 from calib.errors import InputError
 from calib.fit_record.request import IntrinsicsSource
 from calib.intrinsics.calibrate import BareFit, calibrate_bare
@@ -135,7 +135,7 @@ def gather_inputs(
         bare_views, dropped = read_views(session.bare, progress)
         fitted = calibrate_bare(bare_views, session.bare.board, session.camera, progress)
         bare_rejected = tuple(
-            RejectedPicture(f"{session.bare.path.name}/{r.name}", r.reason)
+            RejectedPicture(f"{BARE_PREFIX}{r.name}", r.reason)
             for r in (*dropped, *fitted.rejected)
         )
         intrinsics = fitted.intrinsics

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 
-from calib.corners.view import MISFIT
 from calib.verdict.case import Case
 from calib.verdict.verdict import Reason
 
@@ -20,7 +19,7 @@ def misfits(case: Case) -> Iterator[Reason]:
     why.
     """
     calibration = case.calibration
-    count = sum(MISFIT in picture.reason for picture in calibration.rejected)
+    count = sum(picture.is_misfit for picture in calibration.rejected)
     total = len(calibration.views) + count
     if calibration.outcome.mixed_settings or count < max(MIN_MISFITS, MISFIT_SHARE * total):
         return

@@ -41,6 +41,8 @@ def test_many_views_that_do_not_fit_are_a_reason(good: Calibration) -> None:
     (reason,) = asked(misfits, replace(good, rejected=tuple(unlike)))
     assert reason.sentence.startswith(f"9 of {len(good.views) + 9} views do not fit the others")
     assert not asked(misfits, replace(good, rejected=tuple(unlike[:2])))
+    bare = tuple(replace(view, name=f"bare/{view.name}") for view in unlike)
+    assert not asked(misfits, replace(good, rejected=bare))
     boards = tuple(RejectedPicture(view.name, "no board was found") for view in unlike)
     assert not asked(misfits, replace(good, rejected=boards))
     mixed = replace(good, outcome=replace(good.outcome, mixed_settings=("two zooms",)))
