@@ -150,15 +150,16 @@ def detect(
         if damaged and hits + len(damaged) >= min(min_views, len(paths)):
             read_grey(paths[min(damaged)])  # raises with the reason
         reasons = Counter(
-            result.reason for result in results.values() if isinstance(result, NotFound)
+            result.reason
+            for result in results.values()
+            if isinstance(result, NotFound) and not isinstance(result, Damaged | OtherSize)
         )
-        advice = reasons.most_common(1)[0][0]
+        advice = next((reason for reason, _ in reasons.most_common(1)), CHECKERBOARD_ADVICE)
         if not board.coding and advice != describe_two_boards(board):
             advice = CHECKERBOARD_ADVICE
         raise NotEnoughDataError(
             f"the {board} board was found in {hits} of {counted(len(paths), 'picture')}:"
-            f" {advice}, or take"
-            " more of them."
+            f" {advice}, or take more of them."
         )
     views: list[View] = []
     rejected: list[RejectedPicture] = []

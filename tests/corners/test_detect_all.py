@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 
 from calib.corners import detect as detector
+from calib.corners import detect_all
 from calib.corners.detect_all import DETECTIONS_FILE, FILE_START, Detections, detect
+from calib.corners.detection import NotFound
 from calib.errors import InputError, NotEnoughDataError
 from calib.session.board import Board
+from calib.session.coding import Charuco
 from tests.corners.test_detect import BOARD, Scene, rms
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data"
@@ -237,6 +240,19 @@ def test_pictures_of_which_half_are_damaged_are_refused(tmp_path: Path) -> None:
         path.write_bytes(b"")
     with pytest.raises(InputError, match=r"0002\.png is an empty file: copy it again"):
         detect(paths, BOARD)
+
+
+def test_the_advice_is_on_the_board_and_not_on_damaged_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = write(tmp_path, [None] * 5)
+    for path in paths[3:]:
+        path.write_bytes(b"")
+    numbers = iter(range(3))
+    monkeypatch.setattr(detect_all, "find_board", lambda *_: NotFound(f"reason {next(numbers)}"))
+    coded = Board(9, 6, 0.03, coding=Charuco(0.02, "DICT_4X4_50"))
+    with pytest.raises(NotEnoughDataError, match=r"in 0 of 5 pictures: reason \d, or take more"):
+        detect(paths, coded)
 
 
 @pytest.mark.parametrize(
