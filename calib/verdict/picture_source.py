@@ -34,8 +34,15 @@ def picture_source(session: Path) -> PictureSource:
         return PictureSource.FILM if is_film else PictureSource.DEVICE
     if not (session / "frames" / LEDGER).exists():
         return PictureSource.CAPTURE
-    is_film = any(video.stem == session.name for video in list_videos(session.absolute().parent))
-    return PictureSource.FILM if is_film else PictureSource.DEVICE
+    return PictureSource.FILM if _is_beside_video(session) else PictureSource.DEVICE
+
+
+def _is_beside_video(session: Path) -> bool:
+    """Return True if a video of the session's name is beside it; False if that cannot be read."""
+    try:
+        return any(video.stem == session.name for video in list_videos(session.absolute().parent))
+    except OSError:
+        return False
 
 
 def _imported_from(file: Path) -> str:

@@ -11,6 +11,7 @@ from calib.commands.verdict_lines import print_verdict
 from calib.fit_record.request import CommandOptions, Provenance, Settings
 from calib.importing.session_draft import COVER
 from calib.io.output_folder import OutputFolder
+from calib.verdict import picture_source as module
 from calib.verdict.case import Case
 from calib.verdict.judge import judge
 from calib.verdict.next_commands import NextCommands
@@ -99,8 +100,14 @@ def test_views_of_another_program_are_not_recorded() -> None:
     assert commands.capture() == "calib fit photos"
 
 
-def test_a_film_is_filmed_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_film_is_filmed_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A camera of this computer does not record what a phone filmed."""
+
+    def refuse(folder: Path) -> None:
+        raise PermissionError(folder)
+
     session = tmp_path / "film"
     (session / "frames").mkdir(parents=True)
     (session / "frames" / "0.png").touch()
@@ -109,6 +116,9 @@ def test_a_film_is_filmed_again(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert picture_source(session) is PictureSource.DEVICE
     (tmp_path / "film.MOV").touch()
     assert picture_source(session) is PictureSource.FILM
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "list_videos", refuse)
+        assert picture_source(session) is PictureSource.DEVICE, "the folder above is not listed"
     commands = NextCommands(session, session / "out", Settings(), source=PictureSource.FILM)
     assert commands.capture() == "calib fit FILM"
     print_verdict(Verdict((Reason("few.", commands.capture()),), ""), ())
