@@ -33,7 +33,11 @@ in sixteenths.
 FEW_MATCHES = 0.5
 """The share of pixels below which the two pictures may be in the wrong order."""
 MORE_MATCHES = 1.2
-"""By how many times a wrong order has fewer matches: 1.16 to 1.8 in pictures of a board."""
+"""By how many times a wrong order has fewer matches: 1.16 to 1.8 in pictures of a board, and up to
+1.15 in pictures of noise alone.
+"""
+MIN_MATCHES = 0.05
+"""The share of pixels that the other order must match: black pictures match at their border."""
 SIGMA_POINTS = 2000
 """Matches at which sigma is computed; the others take that of the nearest one, scaled by the square
 of the depth.
@@ -93,8 +97,8 @@ def depth_picture(
     is_swapped = False
     share = np.isfinite(disparity).mean()
     if share < FEW_MATCHES and pictures[0].shape == pictures[1].shape:
-        swapped = _match(pictures[::-1], pair, depths)
-        is_swapped = bool(np.isfinite(swapped).mean() > MORE_MATCHES * share)
+        swapped_share = np.isfinite(_match(pictures[::-1], pair, depths)).mean()
+        is_swapped = bool(swapped_share > max(MIN_MATCHES, MORE_MATCHES * share))
     rows, columns = np.nonzero(np.isfinite(disparity))
     shape = disparity.shape
     depth = np.full(shape, np.nan, np.float32)

@@ -184,22 +184,25 @@ def same_camera(case: RigCase) -> Iterator[Reason]:
     same place.
     """
     for baseline in case.rig.baselines:
-        names = baseline.first, baseline.second
-        if count := _count_copies(case.rig, *names):
-            sentence = (
-                f"{count} pictures of {names[1]} are those of {names[0]}, with equal corners:"
-                f" give {names[1]} its own pictures."
-            )
-        elif _is_same_place(case.rig, baseline):
-            sentence = (
-                f"{names[0]} and {names[1]} stand at the same place,"
-                f" {1000 * baseline.metres:.2f} ± {1000 * baseline.sigma:.2f} mm apart and not"
-                " turned, as one camera does whose pictures were taken twice: give each camera its"
-                " own pictures."
-            )
-        else:
-            continue
-        yield Reason(sentence, case.fit_command, word=Trust.DO_NOT_USE)
+        if sentence := _describe_same_camera(case.rig, baseline):
+            yield Reason(sentence, case.fit_command, word=Trust.DO_NOT_USE)
+
+
+def _describe_same_camera(rig: Rig, baseline: Baseline) -> str:
+    """Return a sentence on two cameras that seem to be one; empty for two."""
+    first, second = baseline.first, baseline.second
+    if count := _count_copies(rig, first, second):
+        return (
+            f"{count} pictures of {second} are those of {first}, with equal corners: give {second}"
+            " its own pictures."
+        )
+    if _is_same_place(rig, baseline):
+        return (
+            f"{first} and {second} stand at the same place, {1000 * baseline.metres:.2f} ±"
+            f" {1000 * baseline.sigma:.2f} mm apart and not turned, as one camera does whose"
+            " pictures were taken twice: give each camera its own pictures."
+        )
+    return ""
 
 
 def _count_copies(rig: Rig, first: str, second: str) -> int:
@@ -232,11 +235,8 @@ def uncertain_baselines(case: RigCase) -> Iterator[Reason]:
     for baseline in case.rig.baselines:
         relative = baseline.sigma / baseline.metres if baseline.metres else np.inf
         is_first = case.rig.reference in (baseline.first, baseline.second)
-        if _count_copies(case.rig, baseline.first, baseline.second) or _is_same_place(
-            case.rig, baseline
-        ):
-            continue
-        if case.rig.covariance.size and is_first and relative > MAX_BASELINE_SIGMA:
+        is_uncertain = case.rig.covariance.size and is_first and relative > MAX_BASELINE_SIGMA
+        if is_uncertain and not _describe_same_camera(case.rig, baseline):
             yield Reason(
                 f"the distance from {baseline.first} to {baseline.second} is"
                 f" {1000 * baseline.metres:.2f} ± {1000 * baseline.sigma:.2f} mm: add pictures of"

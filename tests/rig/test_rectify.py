@@ -109,6 +109,18 @@ def test_a_depth_picture_of_a_wall(small: Rig) -> None:
     assert 0.1 < np.median(np.abs(normalised)) < 2
 
 
+def test_black_pictures_are_not_in_the_wrong_order(small: Rig) -> None:
+    """Their few matches are chance, in whichever order there are more."""
+    depths = 0.3, 0.45
+    pair = rectify(small, ("left", "right"), 0.67, depths)
+    black = np.zeros((HEIGHT, WIDTH), np.uint8)
+    dark = np.ones((HEIGHT, WIDTH), np.uint8)
+    for pictures in ((black, dark), (dark, black)):
+        picture = depth_picture(small, pair, pictures, depths)
+        assert np.isfinite(picture.depth).mean() < 0.02
+        assert not picture.is_swapped
+
+
 def test_a_picture_of_another_size_is_refused(small: Rig, rectified: RectifiedPair) -> None:
     wrong = np.zeros((10, 10), np.uint8)
     with pytest.raises(InputError, match="10x10 px and the calibration for 410x308"):
