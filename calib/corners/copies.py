@@ -108,4 +108,4 @@ def _has_common(views: NDArray[np.float64], corners: NDArray[np.float64]) -> NDA
     visible = np.isfinite(views[..., 0])
     shown = np.isfinite(corners[:, 0])
     needed = MIN_COMMON * np.maximum(visible.sum(1), shown.sum())
-    return (visible & shown).sum(1) >= np.maximum(needed, 1)
+    return np.asarray((visible & shown).sum(1) >= np.maximum(needed, 1))
