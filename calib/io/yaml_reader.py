@@ -78,9 +78,9 @@ def _advice(text: str, error: yaml.MarkedYAMLError) -> str:
     line = lines[mark.line] if mark and mark.line < len(lines) else ""
     odd = next((c for c in line if unicodedata.category(c) in ("Zs", "Cf") and c != " "), "")
     if odd:
-        return (
-            f"the line has a {unicodedata.name(odd, 'strange blank').lower()}: type a plain space"
-        )
+        name = unicodedata.name(odd, "strange blank").lower()
+        advice = "type a plain space" if odd.isspace() else "delete it, as it is not visible"
+        return f"the line has a {name}: {advice}"
     if error.problem == MISALIGNED:
         return (
             "begin the keys of one section in the same column, and put a text with a colon in"

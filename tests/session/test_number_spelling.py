@@ -40,6 +40,7 @@ TEXT = f"format: 1\n{BOARD}\ncamera: {{width: 960, height: 720}}\n{DOME}"
         ("columns: 9", "columns:9", "write columns: 9, with a space behind the colon."),
         ("rows: 6", "rows:\u00a06", "write rows: 6, with a space behind the colon, not a no-break"),
         ("board: {", "board:\u00a0{", "line 2: .* a no-break space: type a plain space"),
+        ("board: {", "board:\u200b{", "line 2: .* a zero width space: delete it"),
         (BOARD, "board:\ncolumns: 9\nrows: 6", "columns is a key of board: indent its line"),
         (DOME, DOME.replace("\n  ", "\n"), "shape is a key of cover: indent its line"),
         (BOARD, "board:\n  columns: 9\n   rows: 6", "line 4: .*begin the keys of one section in"),
