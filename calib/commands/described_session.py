@@ -24,6 +24,7 @@ from calib.commands.cover_options import (
 from calib.errors import InputError, harmless
 from calib.io.numerals import counted
 from calib.io.shell import shell_path
+from calib.session.camera import LENSES
 
 if TYPE_CHECKING:
     from calib.importing.picture_session import NamedPictures
@@ -86,6 +87,13 @@ def add_description(
     add_cover(cover)
     camera = parser.add_argument_group("camera")
     add_intrinsics(camera)
+    camera.add_argument(
+        "--lens",
+        choices=LENSES,
+        help="the lens model: opencv for usual lenses, fisheye for wide ones, splined for lenses"
+        " that no formula describes, auto for the best of them (default: opencv, or fisheye for a"
+        " wide lens that asks for it)",
+    )
     add_coding(board, parser.add_argument_group("board with markers or tags"))
     return camera
 
@@ -128,7 +136,8 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
         print(f"calib: {sentence}", file=sys.stderr)
     cover = cover or dict(earlier.get("cover", {"shape": "none"}))
     intrinsics = intrinsics or earlier.get("intrinsics")
-    for notice in describe_pictures(source, board, cover, intrinsics, progress):
+    lens = args.lens or _earlier_lens(source)
+    for notice in describe_pictures(source, board, cover, intrinsics, lens, progress):
         print(harmless(f"calib: {notice}"), file=sys.stderr)
     return read_session(source.session)
 
@@ -154,6 +163,7 @@ def has_description(args: argparse.Namespace) -> bool:
     return bool(
         has_cover_option(args)
         or args.intrinsics
+        or args.lens
         or args.board
         or args.camera
         or _board_options(args)
@@ -239,6 +249,16 @@ def _earlier_sections(source: "NamedPictures") -> dict[str, dict[str, object]]:
         "intrinsics": camera.get("intrinsics") if isinstance(camera, dict) else None,
     }
     return {name: value for name, value in sections.items() if isinstance(value, dict)}
+
+
+def _earlier_lens(source: "NamedPictures") -> str:
+    """Return the lens model of the session.yaml that is to be replaced; "" if it states none."""
+    from calib.importing.picture_session import DESCRIPTION
+    from calib.io.yaml_reader import read_yaml
+
+    camera = read_yaml(source.session / DESCRIPTION).get("camera") if source.is_described else None
+    lens = camera.get("lens") if isinstance(camera, dict) else None
+    return lens if isinstance(lens, str) else ""
 
 
 def _board_of(

@@ -68,6 +68,8 @@ def run(args: argparse.Namespace) -> None:
     camera: dict[str, object] = {"width": width, "height": height}
     if intrinsics := intrinsics_from_options(args):
         camera["intrinsics"] = intrinsics
+    if args.lens:
+        camera["lens"] = args.lens
     cover = cover_from_options(args) or {"shape": "none"}
     session_from_mapping({"board": described, "camera": camera, "cover": cover}, "The command line")
     for assumed in filter(None, (describe_usual(args), describe_medium(args))):

@@ -284,6 +284,7 @@ def describe_pictures(
     board: Board,
     cover: Mapping[str, object],
     intrinsics: Mapping[str, object] | None,
+    lens: str,
     progress: Progress,
 ) -> tuple[str, ...]:
     """Write the session.yaml, and copies of pictures that lie elsewhere and have the size of most;
@@ -296,6 +297,7 @@ def describe_pictures(
         cover: the section `cover` of session.yaml.
         intrinsics: the section `camera.intrinsics`. None: they come from bare/ if it is there. Else
             a camera behind a cover gets those that say that its lens is not known.
+        lens: the lens model; "" if none is stated.
     """
     check_replaceable(source)
     notices: tuple[str, ...] = ()
@@ -310,6 +312,8 @@ def describe_pictures(
         frames = _contents(uniform.paths)
         notices = () if source.in_place else uniform.stray_notices
     camera: dict[str, object] = {"width": size[0], "height": size[1]}
+    if lens:
+        camera["lens"] = lens
     remarks = [f"Written by calib fit, from {source.words}."]
     if intrinsics:
         camera["intrinsics"] = intrinsics

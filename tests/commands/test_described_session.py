@@ -501,6 +501,13 @@ def test_a_failed_fit_names_the_description_that_remains(
     assert remark not in " ".join(capsys.readouterr().err.split()), "no option was given"
 
 
+def test_the_lens_model_is_an_option(photos: Path) -> None:
+    """An earlier one stays, as the other options do."""
+    assert described(str(photos), *BOARD, "--lens", "fisheye").camera.lens == "fisheye"
+    assert described(str(photos), "--square-mm", "30").camera.lens == "fisheye"
+    assert described(str(photos), "--lens", "opencv").camera.lens == "opencv"
+
+
 def test_a_failed_fit_keeps_the_description_of_a_fit_that_worked(
     photos: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
