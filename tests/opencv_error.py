@@ -3,7 +3,8 @@ comparison without a cover. `python -m tests.opencv_error` prints it for `calib 
 """
 
 import json
-from contextlib import redirect_stdout
+import shutil
+from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -40,11 +41,17 @@ def main() -> None:
         with redirect_stdout(StringIO()) as output:
             calib(["demo", "-o", str(demo), "--json"])
         calibration = Calibration.load(demo / "calibration")
+        unmeasured = fit_without_numbers(demo, Path(folder))
     fit_error = json.loads(output.getvalue())["stages"][-1]["rms_px"]
-    names = [*(f"OpenCV, {count} coefficients" for count in FLAGS), "Refracal"]
-    fitted = [*(opencv_error(calibration, count) for count in FLAGS), fit_error]
+    names = [
+        *(f"OpenCV, {count} coefficients" for count in FLAGS),
+        "Refracal, told that there is a window in water",
+        "Refracal, told the lens and the window",
+    ]
+    ours = unmeasured.stages[-1].rms_px, fit_error
+    fitted = [*(opencv_error(calibration, count) for count in FLAGS), *ours]
     nearby = [opencv_error_nearby(calibration, count) for count in FLAGS]
-    nearby.append(demo_error_nearby(calibration))
+    nearby += [demo_error_nearby(unmeasured), demo_error_nearby(calibration)]
     print("Error of each program, root mean square")
     for place, errors in (
         ("on the fitted pictures", fitted),
@@ -53,6 +60,17 @@ def main() -> None:
         rows = zip(names, errors, strict=True)
         print(f"{place}: " + "; ".join(f"{name} {error:.3f} px" for name, error in rows))
     print(f"noise of the corners: {calibration.noise_px:.3f} px")
+
+
+def fit_without_numbers(demo: Path, folder: Path) -> Calibration:
+    """Return the fit of the demo's pictures that is told the board, the shape of the cover and the
+    index of the water alone. It is written into the folder.
+    """
+    pictures = shutil.copytree(demo / "frames", folder / "pictures")
+    board = ["--board", "9x9", "--square-mm", "20"]
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        calib(["fit", str(pictures), *board, "--cover", "flat", "--outside-index", "1.34", "-q"])
+    return Calibration.load(pictures / "calibration")
 
 
 def opencv_error(calibration: Calibration, coefficients: int) -> float:

@@ -17,6 +17,7 @@ from calib.calibration import Calibration
 from tests.opencv_error import (
     FLAGS,
     demo_error_nearby,
+    fit_without_numbers,
     opencv_error,
     opencv_error_nearby,
 )
@@ -131,5 +132,13 @@ def test_the_lenses_of_opencv_leave_what_the_readme_says(world: Path) -> None:
         assert row
         assert float(row[1]) == pytest.approx(opencv_error(calibration, count), abs=1e-3)
         assert float(row[2]) == pytest.approx(opencv_error_nearby(calibration, count), abs=0.02)
-    assert f"Refracal | 0.014 | {nearby[2]} |" in section
+    assert f"Refracal, told the lens and the window | 0.014 | {nearby[2]} |" in section
+    unmeasured = fit_without_numbers(world / "refracal-demo", world)
+    row = re.search(
+        r"Refracal, told that there is a window in water \| ([\d.]+) \| ([\d.]+)", section
+    )
+    assert row
+    assert float(row[1]) == pytest.approx(unmeasured.stages[-1].rms_px, abs=1e-3)
+    assert float(row[2]) == pytest.approx(demo_error_nearby(unmeasured), abs=0.02)
+    assert 'told only "window, water", 0.014' in words
     assert f"noise | {calibration.noise_px:.3f} |" in section
