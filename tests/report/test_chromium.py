@@ -86,7 +86,8 @@ return {
     .map(e => e.tagName + " " + e.textContent.slice(0, 40)),
   tables: all(document, "table").length,
   cut: all(document, "table").filter(e => out(e) || e.parentElement.scrollWidth > e.parentElement.clientWidth).length,
-  narrow: Math.min(...all(document, "td > div").map(e => e.clientWidth)),
+  narrow: Math.min(...all(document, ":not(#numbers *) > td > div").map(e => e.clientWidth)),
+  wrapped: all(document, "#numbers td > div").filter(e => e.clientHeight > 40).map(e => e.textContent),
   commands: all(document, "pre").filter(e => e.scrollWidth > e.clientWidth).length };
 })()"""  # noqa: E501
 OVERLAPS = """[...document.querySelectorAll(".chart > svg")].flatMap(svg => {
@@ -383,6 +384,7 @@ def test_nothing_is_cut_on_a_phone(
     assert report["cut"] == 0
     assert report["commands"] == 0
     assert report["narrow"] > 100, "room for a number with its unit"
+    assert report["wrapped"] == [], "a number is in one line"
 
 
 def test_a_table_that_does_not_fit_would_have_been_noticed(
