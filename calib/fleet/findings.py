@@ -100,10 +100,12 @@ def judge_fleet(entries: Sequence[Entry], results: Mapping[str, Result]) -> Flee
     drawn = charts(numbers, {"fixture": [entry.fixture for entry in ordered], "date": days}, alpha)
     shift_limit = float(norm.isf(alpha / 2 / max(1, compared)))
     effects = Counter(effect for result in ordered_results for effect in result.effects)
+    noted = sum(bool(_noted_doubts(result)) for result in ordered_results)
+    small_boards = noted > len(ordered_results) / 2
     findings: dict[str, tuple[Finding, ...]] = {}
     for index, (entry, result) in enumerate(zip(ordered, ordered_results, strict=True)):
         reasons = [
-            *_camera_findings(entry, result),
+            *_camera_findings(entry, result, small_boards=small_boards),
             *_prior_findings(result, shift_limit, alpha / max(1, checked)),
             *_chart_findings(index, drawn),
             *_effect_findings(result, effects, len(ordered_results)),
@@ -117,7 +119,15 @@ def title_of(name: str) -> str:
     return TITLES.get(name, name)
 
 
-def _camera_findings(entry: Entry, result: Result) -> Iterator[Finding]:
+def _noted_doubts(result: Result) -> tuple[str, ...]:
+    """Return the notes of a verdict that doubt a unit."""
+    return unit_doubts(result.verdict.get("notes", ()))
+
+
+def _camera_findings(entry: Entry, result: Result, *, small_boards: bool) -> Iterator[Finding]:
+    """Yield what stands out in a camera by itself. small_boards: most cameras have a note that
+    doubts a unit, so that none of them stands out by it.
+    """
     if result.state is not JobState.CALIBRATED:
         yield Finding(NO_CALIBRATION, f"no calibration: {result.sentence.rstrip('.')}")
     if result.verdict.get("word") == Trust.DO_NOT_USE.value:
@@ -125,7 +135,8 @@ def _camera_findings(entry: Entry, result: Result) -> Iterator[Finding]:
         yield Finding(NOT_TO_BE_USED, f"its verdict is not to use it: {because}")
     verdict = result.verdict
     if verdict.get("word") != Trust.DO_NOT_USE.value:
-        for doubt in unit_doubts([*verdict.get("reasons", ()), *verdict.get("notes", ())]):
+        notes = () if small_boards else _noted_doubts(result)
+        for doubt in (*unit_doubts(verdict.get("reasons", ())), *notes):
             yield Finding(CHECK_OR_DIAGNOSIS, doubt.rstrip("."))
     for limit in entry.limits:
         number = result.numbers.get(limit.name)

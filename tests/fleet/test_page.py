@@ -116,6 +116,12 @@ def test_a_doubted_unit_stands_out() -> None:
     }
 
 
+def test_a_fleet_with_small_boards_has_none_that_stands_out() -> None:
+    noted = {f"c{number}": plain(f"c{number}", verdict=UNITS_NOTED) for number in range(20)}
+    assert not made(30, noted).findings
+    assert len(made(60, noted).findings) == 20
+
+
 def test_a_fleet_without_a_fault_is_reported_so() -> None:
     judged = made(30)
     assert headline(judged) == "None of 30 cameras stands out"
