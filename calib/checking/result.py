@@ -139,7 +139,8 @@ class CheckResult:
     model lacks the effect, and nothing has changed.
     """
     note: str = ""
-    """A remark on the board of a valid check, without a capital and a full stop."""
+    """A remark on the board or the calibration of a valid check, without a capital and a full stop.
+    """
 
     @property
     def sentence(self) -> str:

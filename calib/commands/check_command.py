@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         from calib.checking.pictures import read_pictures
         from calib.checking.result import CheckStatus
         from calib.checking.update import NumberUpdate, update
-        from calib.commands.check_lines import next_command, print_result
+        from calib.commands.check_lines import next_command, print_result, with_own_verdict
         from calib.commands.console import Bars
         from calib.commands.printing import print_json
         from calib.errors import InputError
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     with Bars() as bars:
         pictures = read_pictures(args.pictures, calibration, bars)
         checker = Checker.of(calibration)
-        result = checker.check(pictures, bars)
+        result = with_own_verdict(checker.check(pictures, bars), calibration)
     numbers: tuple[NumberUpdate, ...] = ()
     written: list[Path] = []
     if args.update:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
+from calib.calibration import Calibration
 from calib.checking.pictures import OTHER_BOARD
 from calib.checking.result import CheckResult, CheckStatistics, CheckStatus
 from calib.checking.significance import ALPHA
@@ -17,6 +19,8 @@ from calib.fitting.rounding import with_sigma
 from calib.intrinsics.calibrate import MIN_BARE_POSES
 from calib.io.images import frames_folder, list_images
 from calib.io.shell import shell_line
+from calib.verdict.judge import judge
+from calib.verdict.verdict import Trust, uncapitalised
 
 UNNAMED = ("unknown", "other_camera")
 """The names of changes that an estimate of this calibration's numbers does not describe."""
@@ -86,6 +90,20 @@ def _recording(session: Path) -> str:
     if not session.name.strip("."):  # "." and ".." are not names
         session = session.resolve()
     return shell_line("capture", session.with_name(f"{session.name}-again"))
+
+
+def with_own_verdict(result: CheckResult, calibration: Calibration) -> CheckResult:
+    """Return the result of a valid check with a note if the verdict on the calibration itself is
+    not to trust its maps: then the pictures show no change, and no more than that.
+    """
+    if result.status is not CheckStatus.VALID or result.note or not result.has_new_views:
+        return result
+    verdict = judge(calibration)
+    if verdict.word is Trust.TRUSTED or verdict.maps_hold:
+        return result
+    sentence = uncapitalised(verdict.headline).rstrip(".")
+    note = f'the verdict on the calibration itself is "{sentence}": calib report says why'
+    return replace(result, note=note)
 
 
 def result_lines(result: CheckResult, numbers: Sequence[NumberUpdate] = ()) -> Iterator[str]:

@@ -14,9 +14,10 @@ from calib.checking.pictures import Pictures
 from calib.checking.result import Change, CheckResult, CheckStatistics, CheckStatus
 from calib.checking.update import is_updatable
 from calib.cli import main
-from calib.commands.check_lines import next_command, result_lines
+from calib.commands.check_lines import next_command, result_lines, with_own_verdict
 from calib.corners.view import View
 from calib.session.session import session_to_yaml
+from fixtures.calibrated import with_outcome
 from fixtures.later import Later
 from fixtures.synthetic import HEIGHT, WIDTH
 from tests.checking.conftest import Made
@@ -85,6 +86,21 @@ def test_a_valid_calibration_exits_with_0(
     assert main(["check", str(saved), str(fitted)]) == 0
     output = capsys.readouterr().out
     assert output.startswith("Not checked: the calibration was made from these pictures.")
+
+
+def test_a_valid_check_repeats_that_the_calibration_asks_for_care(cameras: Made) -> None:
+    calibration = cameras["flat"][1].calibration
+    statistics = CheckStatistics(1.0, 1.0, 100, 0.1, 0.1, 0.14, 0.0, 0.05, 1.0, 8)
+    valid = CheckResult(CheckStatus.VALID, statistics, (), ())
+    trusted = replace(calibration.outcome, mixed_settings=())
+    assert with_own_verdict(valid, replace(calibration, outcome=trusted)).note == ""
+    mixed = with_outcome(calibration, mixed_settings=("the pictures are of two zooms",))
+    note = with_own_verdict(valid, mixed).note
+    assert '"take care before you trust it": calib report says why' in note
+    fitted = replace(valid, statistics=replace(statistics, reused_views=8))
+    assert with_own_verdict(fitted, mixed) == fitted
+    broken = replace(valid, status=CheckStatus.BROKEN)
+    assert with_own_verdict(broken, mixed) == broken
 
 
 @pytest.mark.slow
