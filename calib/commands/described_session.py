@@ -24,7 +24,7 @@ from calib.commands.cover_options import (
 from calib.errors import InputError, harmless
 from calib.io.numerals import counted
 from calib.io.shell import shell_path
-from calib.session.camera import LENSES
+from calib.session.lens import LENSES
 
 if TYPE_CHECKING:
     from calib.importing.picture_session import NamedPictures

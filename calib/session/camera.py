@@ -9,6 +9,7 @@ from calib.session.lens import (
     COEFFICIENTS,
     COUNTS,
     FISHEYE,
+    LENSES,
     MODELS,
     NAMES,
     OPENCV,
@@ -48,7 +49,6 @@ UNKNOWN_COEFFICIENTS = 5
 imitate the cover.
 """
 CORRELATION = Quantity("correlations", low=-1, high=1)
-LENSES = (AUTO, *MODELS)
 EXPLANATIONS = {
     "width": ("px, of the pictures", ""),
     "height": ("px, of the pictures", ""),

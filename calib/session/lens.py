@@ -37,3 +37,5 @@ COUNTS = {OPENCV: COEFFICIENTS, FISHEYE: (4,), SPLINED: (4,)}
 """The possible numbers of coefficients in each model."""
 
 MODELS = tuple(NAMES)
+LENSES = (AUTO, *MODELS)
+"""What a session may ask for."""

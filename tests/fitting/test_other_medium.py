@@ -75,7 +75,7 @@ def test_the_verdict_names_the_medium() -> None:
     assert not asked(medium, with_outcome(fitted, medium_log_odds={"air": 0.0, "water": -50.0}))
     (reason,) = asked(medium, with_outcome(fitted, medium_log_odds={"air": -28.0, "water": 0.0}))
     assert "Either they were taken in water (10^12 times as probable)" in reason.sentence
-    assert "or add --outside-index 1.333. Or the cover has another shape" in reason.sentence
+    assert "in session.yaml. Or the cover has another shape" in reason.sentence
     assert reason.word is Trust.DO_NOT_USE
     assert reason.suspects == ("cover.outside_index",)
     assert not asked(medium, with_outcome(fitted, medium_log_odds=None))

@@ -257,6 +257,7 @@ return !e.hidden && r.left >= box.left && r.right <= box.right && r.bottom <= bo
     names, complaints, _ = chrome.read(reported.html, tmp_path, story, size)
     assert names == [
         "border of what the camera sees",
+        "optical axis, with the distance from the lens",
         "cover",
         "rays to the board that you point at",
     ]
