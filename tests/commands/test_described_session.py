@@ -293,6 +293,7 @@ def test_an_aprilgrid_of_another_maker_is_described_by_options(
     assert described("coded", *grid, *layout).board == board
 
 
+@pytest.mark.slow
 def test_the_side_of_a_tag_is_not_that_of_a_square(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, photos: Path
 ) -> None:
@@ -508,6 +509,7 @@ def test_the_lens_model_is_an_option(photos: Path) -> None:
     assert described(str(photos), "--lens", "opencv").camera.lens == "opencv"
 
 
+@pytest.mark.slow
 def test_a_failed_fit_keeps_the_description_of_a_fit_that_worked(
     photos: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -38,6 +38,7 @@ def circles(columns: int, rows: int, *, staggered: bool, light: bool = False) ->
     return drawn
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "pictures",
     [
@@ -69,6 +70,7 @@ def test_a_size_is_announced_only_if_its_corners_are_found() -> None:
     assert why_unusable(good, shown_size(good)) == ""
 
 
+@pytest.mark.slow
 def test_two_boards_are_named(tmp_path: Path) -> None:
     pictures = [np.hstack([picture, picture]) for picture in recordings.pictures()[:4]]
     says = "two 7x6 boards are seen: show one board alone"

@@ -105,6 +105,7 @@ def test_a_camera_that_moved(pair: SimulatedRig, check: Check) -> None:
     assert place.z > 5
 
 
+@pytest.mark.slow
 def test_pictures_that_contradict_each_other_show_no_movement(
     pair: SimulatedRig, check: Check
 ) -> None:

@@ -272,6 +272,7 @@ def test_sigma_has_the_shift_by_an_error_of_the_print(
     assert with_shift < 1.5
 
 
+@pytest.mark.slow
 def test_a_board_that_stands_turned_in_one_camera(pair: SimulatedRig, tmp_path: Path) -> None:
     """Half a turn in every second picture of the right camera: renumbered, and the same rig."""
     views = tuple(
