@@ -103,7 +103,8 @@ def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
         peer_errors = {name: _root_mean(by_view, count) for name, by_view in peer_squares.items()}
         best_name = min(peer_errors, key=peer_errors.__getitem__)
         best = peer_errors[best_name]
-        low, high = ratio_interval(*_paired(squares, peer_squares[best_name]))
+        paired = [(square, peer_squares[best_name][name]) for name, square in squares.items()]
+        low, high = ratio_interval(*np.array(paired).T)
         ratios.append(ours / best)
         floors.append(floor / best)
         table.add_row(
@@ -134,11 +135,6 @@ def _sum_of_squares(calibration: Calibration, folder: Path, view: View, *, halve
 def _root_mean(by_view: Mapping[str, float], count: int) -> float:
     """Return the root mean square of the views' errors; count: their corners."""
     return float(np.sqrt(sum(by_view.values()) / count))
-
-
-def _paired(first: Mapping[str, float], second: Mapping[str, float]) -> tuple[Floats, Floats]:
-    """Return two programs' sums, view by view."""
-    return np.array(list(first.values())), np.array([second[name] for name in first])
 
 
 def ratio_interval(first: Floats, second: Floats) -> tuple[float, float]:

@@ -6,7 +6,7 @@ import argparse
 import os
 import shlex
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -98,26 +98,37 @@ def add_description(
     return camera
 
 
-def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
+@dataclass(frozen=True, slots=True)
+class DescribedSession:
+    """A session, and what its description was before the command."""
+
+    session: "Session"
+    earlier: bytes | None = None
+    """The session.yaml that the options replaced; None if they replaced none."""
+
+
+def session_of(args: argparse.Namespace, progress: "Progress") -> DescribedSession:
     """Return the session that the arguments name. For pictures without one, it is written.
 
     Raises:
         InputError: the pictures need a description; the message has the command that gives it.
     """
     from calib.importing.picture_session import (
+        DESCRIPTION,
         check_replaceable,
         choose_pictures,
         describe_pictures,
         find_pictures,
     )
+    from calib.io.files import read_file
     from calib.session.session import read_session
 
     is_described = has_description(args)
     if len(args.session) == 1 and not is_described and _is_session(args.session[0]):
-        return read_session(args.session[0])
+        return DescribedSession(read_session(args.session[0]))
     source = find_pictures(args.session)
     if source.is_described and not is_described:
-        return read_session(source.session)
+        return DescribedSession(read_session(source.session))
     source = _in_writable_folder(choose_pictures(source, args.camera), args.output)
     earlier = _earlier_sections(source)
     cover = cover_from_options(args, earlier.get("cover"))
@@ -136,26 +147,11 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> "Session":
         print(f"calib: {sentence}", file=sys.stderr)
     cover = cover or dict(earlier.get("cover", {"shape": "none"}))
     intrinsics = intrinsics or earlier.get("intrinsics")
-    lens = args.lens or _earlier_lens(source)
+    lens = args.lens or _lens_of(earlier)
+    replaced = read_file(source.session / DESCRIPTION) if source.is_described else None
     for notice in describe_pictures(source, board, cover, intrinsics, lens, progress):
         print(harmless(f"calib: {notice}"), file=sys.stderr)
-    return read_session(source.session)
-
-
-def earlier_description(args: argparse.Namespace) -> "tuple[Path, bytes] | None":
-    """Return the session.yaml that the options may replace, and its content; None if there is none.
-
-    Raises:
-        InputError: the pictures do not exist.
-    """
-    from calib.importing.picture_session import DESCRIPTION, find_pictures
-    from calib.io.files import read_file
-
-    if not has_description(args):
-        return None
-    source = find_pictures(args.session)
-    file = source.session / DESCRIPTION
-    return (file, read_file(file)) if source.is_described else None
+    return DescribedSession(read_session(source.session), replaced)
 
 
 def has_description(args: argparse.Namespace) -> bool:
@@ -198,6 +194,7 @@ def _earlier_values(
         side: bool(side) and not _board_options(args),
         ", ".join(f"{key} {_in_words(value)}" for key, value in numbers.items()): bool(numbers),
         "the lens": "intrinsics" in earlier and not args.intrinsics,
+        f"the lens model {_lens_of(earlier)}": bool(_lens_of(earlier)) and not args.lens,
     }
     return ", ".join(text for text, is_earlier in texts.items() if text and is_earlier)
 
@@ -233,8 +230,9 @@ def _in_writable_folder(source: "NamedPictures", output: Path | None) -> "NamedP
 
 
 def _earlier_sections(source: "NamedPictures") -> dict[str, dict[str, object]]:
-    """Return the sections board, cover and intrinsics of the session.yaml that is to be replaced,
-    those that are mappings; empty if there is none. Intrinsics are left out if they are unknown.
+    """Return the sections board, cover, camera and its intrinsics of the session.yaml that is to be
+    replaced, those that are mappings; empty if there is none. Intrinsics are left out if they are
+    unknown.
     """
     from calib.importing.picture_session import DESCRIPTION
     from calib.io.yaml_reader import read_yaml
@@ -246,18 +244,15 @@ def _earlier_sections(source: "NamedPictures") -> dict[str, dict[str, object]]:
     sections = {
         "board": document.get("board"),
         "cover": document.get("cover"),
+        "camera": camera,
         "intrinsics": camera.get("intrinsics") if isinstance(camera, dict) else None,
     }
     return {name: value for name, value in sections.items() if isinstance(value, dict)}
 
 
-def _earlier_lens(source: "NamedPictures") -> str:
-    """Return the lens model of the session.yaml that is to be replaced; "" if it states none."""
-    from calib.importing.picture_session import DESCRIPTION
-    from calib.io.yaml_reader import read_yaml
-
-    camera = read_yaml(source.session / DESCRIPTION).get("camera") if source.is_described else None
-    lens = camera.get("lens") if isinstance(camera, dict) else None
+def _lens_of(earlier: dict[str, dict[str, object]]) -> str:
+    """Return the lens model of an earlier description; "" if it states none."""
+    lens = earlier.get("camera", {}).get("lens")
     return lens if isinstance(lens, str) else ""
 
 

@@ -8,12 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_camera, add_depths, add_output, add_overwrite, effects
-from calib.commands.described_session import (
-    add_description,
-    earlier_description,
-    has_description,
-    session_of,
-)
+from calib.commands.described_session import add_description, has_description, session_of
 from calib.commands.effect_names import effect_names_help
 from calib.commands.fit_options import add_fit_options, settings_of
 from calib.commands.loading import fast_imports
@@ -93,9 +88,9 @@ def run(args: argparse.Namespace) -> None:
         from calib.verdict.judge import judge
 
     start = time.monotonic()
-    earlier = earlier_description(args)
     with Bars() as bars:
-        session = session_of(args, bars)
+        described = session_of(args, bars)
+    session = described.session
     output = args.output or check_no_link(session.path / "calibration")
     effects = args.effects or ()
     # Effects that are asked for are added to a fit with the board's bend, unless they include it.
@@ -104,7 +99,7 @@ def run(args: argparse.Namespace) -> None:
     if effects != ("auto",):
         check_possible(session, settings, effects)
     with (
-        _naming_description(session.path, earlier, written=has_description(args)),
+        _naming_description(session.path, described.earlier, written=has_description(args)),
         FileSet(output, overwrite=args.overwrite, inputs=session.files) as files,
     ):
         files.reserve([*FILES, *npz_file_names(args.depth), NAME])
@@ -159,9 +154,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 @contextmanager
-def _naming_description(
-    session: Path, earlier: tuple[Path, bytes] | None, *, written: bool
-) -> Iterator[None]:
+def _naming_description(session: Path, earlier: bytes | None, *, written: bool) -> Iterator[None]:
     """If the fit fails, say that the session.yaml that the options gave remains; or write the
     earlier one again, if a fit with it has worked.
     """
@@ -173,15 +166,16 @@ def _naming_description(
     except RefracalError:
         if not written:
             raise
+        file = session / "session.yaml"
         if not (session / "calibration").exists():
             remark = (
-                f"calib: {session / 'session.yaml'} has what your options say. If that is wrong,"
+                f"calib: {file} has what your options say. If that is wrong,"
                 " type the command again with other values."
             )
             print(harmless(remark), file=sys.stderr)
-        elif earlier and earlier[0].parent == session:
-            OutputFolder(session, flag="").write(earlier[0].name, earlier[1])
-            remark = f"calib: {earlier[0]} is as it was before this command."
+        elif earlier:
+            OutputFolder(session, flag="").write(file.name, earlier)
+            remark = f"calib: {file} is as it was before this command."
             print(harmless(remark), file=sys.stderr)
         raise
 

@@ -85,12 +85,11 @@ def describe_most(rejected: Sequence[RejectedPicture]) -> str:
         return ""
     kinds = [NUMBER.sub("", picture.reason) for picture in rejected]
     kind, count = Counter(kinds).most_common(1)[0]
-    reason = rejected[kinds.index(kind)].reason
+    first = rejected[kinds.index(kind)]
     if count == 1:
-        first = next(picture for picture in rejected if picture.reason == reason)
         others = f", and {len(rejected) - 1} for other reasons" if len(rejected) > 1 else ""
-        return f" ({first.name} is left out: {reason}{others})"
-    return f" ({count} of {len(rejected)} left out: {reason})"
+        return f" ({first.name} is left out: {first.reason}{others})"
+    return f" ({count} of {len(rejected)} left out: {first.reason})"
 
 
 def pose_labels(views: Sequence[View]) -> NDArray[np.int64]:

@@ -33,10 +33,12 @@ def describe_clock_shift(
     names = [name for name, camera_views in views.items() if camera_views]
     unpaired = [name for name in names if (seeing[placements.of_views[name]] < 2).all()]
     for name in reversed(unpaired):  # the last of two, whose pictures are compared with the first
+        times = _times(views[name])
         for partner in names:
-            times = _times(views[name])
+            if partner == name:
+                continue
             shift, count = constant_shift(times, _times(views[partner]), rig.tolerance_s)
-            if partner == name or count < max(MIN_PAIRED, MIN_FRACTION * len(times)):
+            if count < max(MIN_PAIRED, MIN_FRACTION * len(times)):
                 continue
             order, verb = ("later", "subtract") if shift > 0 else ("earlier", "add")
             preposition = "from" if shift > 0 else "to"

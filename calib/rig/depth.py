@@ -33,8 +33,8 @@ in sixteenths.
 FEW_MATCHES = 0.5
 """The share of pixels below which the two pictures may be in the wrong order."""
 MORE_MATCHES = 1.2
-"""By how many times a wrong order has fewer matches: 1.16 to 1.8 in pictures of a board, and up to
-1.15 in pictures of noise alone.
+"""By how many times more pixels must match in the other order for it to be the right one: a little
+more than in pictures of noise.
 """
 MIN_MATCHES = 0.05
 """The share of pixels that the other order must match: black pictures match at their border."""

@@ -53,23 +53,22 @@ def medium(case: Case) -> Iterator[Reason]:
 def implausible_indices(case: Case) -> Iterator[Reason]:
     """Check that the declared index of the glass is not that of the medium outside."""
     cover = case.calibration.declared.cover
-    names = [name for name in cover.numbers if number_of(name) == INDEX]
-    numbers = [cover.numbers[name] for name in (*names, cover.medium_name) if cover.medium]
-    if not (names and numbers) or any(number.unknown for number in numbers):
+    indices = {name: n for name, n in cover.numbers.items() if number_of(name) == INDEX}
+    outside = cover.medium
+    if not (indices and outside) or any(n.unknown for n in (*indices.values(), outside)):
         return
-    glass = max(names, key=lambda name: cover.numbers[name].value)
-    glass_index = cover.numbers[glass].value
-    outside_index = numbers[-1].value
+    glass = max(indices, key=lambda name: indices[name].value)
+    glass_index, outside_index = indices[glass].value, outside.value
     suspects = glass, cover.medium_name
-    indices = (
+    stated = (
         f"the glass is declared with the index {glass_index:g}, and what is outside with"
         f" {outside_index:g}"
     )
     if outside_index > glass_index:
-        yield Reason(f"{indices}: are the two swapped?", case.next.fit(), suspects)
+        yield Reason(f"{stated}: are the two swapped?", case.next.fit(), suspects)
     elif abs(glass_index - MEDIA[WATER]) < SAME_INDEX:
         sentence = (
-            f"{indices}: the index of the glass is that of water. Write that of the glass, such as"
+            f"{stated}: the index of the glass is that of water. Write that of the glass, such as"
             f" 1.49 for acrylic, and for water outside of it outside_index: {MEDIA[WATER]:g}."
         )
         yield Reason(sentence, case.next.fit(), suspects)

@@ -18,6 +18,7 @@ from calib.commands.arguments import depth, quoted
 from calib.errors import harmless
 from calib.export.formats import FORMATS
 from calib.fitting.supported_depths import doubtful_depths
+from calib.session.shapes.layer import MEDIA, WATER
 from capture.tui.command import calib
 from capture.tui.page import TYPING, Field, focus_next_field, wait_for_typing
 from capture.tui.path_suggester import PathSuggester
@@ -35,7 +36,7 @@ STRAIGHT = "straight"
 USUAL = ("npz", "opencv", "ros")
 """The forms of the first list, which a phone shows without scrolling.
 A second list has the rest."""
-WATERS = {"water": "1.333", "sea": "1.34"}
+WATERS = {"water": f"{MEDIA[WATER]:g}", "sea": "1.34"}
 """The refractive index of each water that a calibration in air has maps for."""
 FURTHER = "further"
 """The choice of that second list."""

@@ -40,7 +40,7 @@ def parsed(*words: str) -> argparse.Namespace:
 
 
 def described(*words: str) -> Session:
-    return session_of(parsed(*words), Silent())
+    return session_of(parsed(*words), Silent()).session
 
 
 @pytest.fixture

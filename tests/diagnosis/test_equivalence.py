@@ -100,8 +100,8 @@ def test_prior_odds_order_a_family_and_name_no_member_alone(
 def test_a_shared_cause_that_leaves_noise_is_compared_as_it_is(
     monkeypatch: pytest.MonkeyPatch, structured: bool, scale: float
 ) -> None:
-    """A window in water raised the log evidence by 55,000, the motion of every view by 49,000: a
-    tenth of the gain counted as 1, and windows are rare, so the motion was named.
+    """The motion of every view explains most of what a window in water does. With a tenth of the
+    gain as 1, and as windows are rare, the motion was named.
     """
     motion, window = RollingShutter(), FlatPort("water")
     fits = {
