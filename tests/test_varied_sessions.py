@@ -285,6 +285,7 @@ def unevenly_printed(made: Scene, size: float) -> Scene:
     return replace(made, views=tuple(views))
 
 
+@pytest.mark.slow
 def test_sigma_has_the_shift_by_an_error_of_the_print(monkeypatch: pytest.MonkeyPatch) -> None:
     """All views share a print that is longer along its rows by 0.1 %, or that is drawn out at two
     ends by 0.05 mm, so their scatter does not show it.

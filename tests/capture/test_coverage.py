@@ -235,7 +235,11 @@ def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Cam
     )
 
 
-@pytest.mark.parametrize("kind", [CHARUCO, GRID], ids=["charuco", "aprilgrid"])
+@pytest.mark.parametrize(
+    "kind",
+    [CHARUCO, pytest.param(GRID, marks=pytest.mark.slow)],
+    ids=["charuco", "aprilgrid"],
+)
 def test_boards_in_the_poses_of_the_bank_can_be_detected(kind: Kind) -> None:
     """Poses of the bank that reach out of the picture, drawn small and so not tilted about both
     axes: the live finder sees most corners that the bank counts on, where the bank has them.

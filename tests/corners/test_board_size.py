@@ -36,7 +36,7 @@ def boards(columns: int, rows: int, size: tuple[int, int], blur: float = 0) -> l
     ("columns", "rows", "size"),
     [
         *((*board, size) for board in BOARDS for size in ((320, 240), (960, 720))),
-        (8, 6, (2592, 1944)),
+        pytest.param(8, 6, (2592, 1944), marks=pytest.mark.slow),
     ],
     ids=str,
 )

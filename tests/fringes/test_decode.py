@@ -68,6 +68,7 @@ class TiltedCamera(ScreenCamera):
         return np.asarray(facing @ np.linalg.inv(middle) @ tilt @ middle)
 
 
+@pytest.mark.slow
 def test_blur_does_not_shift_the_places_of_a_tilted_screen() -> None:
     """A blur mixes more of the screen's far side than of its near side into each pixel, and fringes
     that are too short for the blur show the opposite. Uncorrected, both shift whole parts of the

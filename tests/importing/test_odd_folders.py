@@ -85,6 +85,7 @@ HEIC = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(100)
         ("a.tif", b"II*\0" + bytes(9), "is not an image, or a damaged one"),
         ("a.npy", b"\x93NUMPY", "is not a whole .npy array"),
     ],
+    ids=["heic", "empty", "truncated", "tiff", "npy"],
 )
 @pytest.mark.usefixtures("without_figures")
 def test_a_damaged_picture_is_left_out_by_name(

@@ -196,7 +196,9 @@ def test_labels_over_each_other_would_have_been_noticed(
     assert chrome.read(html, tmp_path, overlaps)[0]
 
 
-@each_size
+@pytest.mark.parametrize(
+    "size", [pytest.param(DESK, marks=pytest.mark.slow), PHONE], ids=["desk", "phone"]
+)
 def test_the_figures_answer_to_the_pointer(
     chrome: Chrome, reported: Reported, tmp_path: Path, size: tuple[int, int]
 ) -> None:

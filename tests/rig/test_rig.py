@@ -247,6 +247,7 @@ def unevenly_printed(made: SimulatedRig, size: float) -> SimulatedRig:
     return replace(made, views=views)
 
 
+@pytest.mark.slow
 def test_sigma_has_the_shift_by_an_error_of_the_print(
     pair: SimulatedRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -136,7 +136,7 @@ def test_a_pair_behind_one_window(rig: SimulatedRig, tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("shared", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_stated_distance_that_the_pictures_contradict_is_not_used(
     rig: SimulatedRig, tmp_path: Path, shared: bool
 ) -> None:
