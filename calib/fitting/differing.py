@@ -30,6 +30,7 @@ from calib.inference.varying_numbers import (
     NAMELESS,
     STRUCTURE,
     TWO,
+    Group,
     VariationKind,
     first_after_step,
 )
@@ -105,14 +106,19 @@ class Differing:
 
     @staticmethod
     def of(
-        fitted: FittedModel, context: EffectContext, *, nameless: bool = True
+        fitted: FittedModel,
+        context: EffectContext,
+        *,
+        nameless: bool = True,
+        about: Group | None = None,
     ) -> Differing | None:
         """Return what differs beside everything that all views share; None if nothing does.
 
         Args:
             nameless: allow for structure of no cause (`find_variations`).
+            about: the only group that matters; None may mean that it has no name.
         """
-        return _answer(_Question(fitted, context, nameless))
+        return _answer(_Question(fitted, context, nameless, about))
 
     @property
     def first(self) -> Variation:
@@ -175,6 +181,7 @@ class _Question:
     fitted: FittedModel
     context: EffectContext
     nameless: bool
+    about: Group | None
 
     @cached_property
     def _key(self) -> tuple[object, ...]:
@@ -182,7 +189,14 @@ class _Question:
         names = tuple(effect.name for effect in fitted.model.effects)
         arrays = fitted.deviation, fitted.joint.poses.numpy(), fitted.observations.pixels.numpy()
         content = tuple(array.tobytes() for array in arrays)
-        return (*content, names, float(fitted.joint.sigma), self.context.shutter, self.nameless)
+        return (
+            *content,
+            names,
+            float(fitted.joint.sigma),
+            self.context.shutter,
+            self.nameless,
+            self.about,
+        )
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Question) and self._key == other._key
@@ -195,8 +209,10 @@ class _Question:
 def _answer(question: _Question) -> Differing | None:
     fitted = question.fitted
     best: dict[str, Variation] = {}
-    nameless = question.nameless
-    for variation in find_variations(fitted, question.context, SHARED, nameless=nameless):
+    found = find_variations(
+        fitted, question.context, SHARED, nameless=question.nameless, about=question.about
+    )
+    for variation in found:
         best.setdefault(variation.group.name, variation)
     if not best:
         return None

@@ -166,7 +166,7 @@ def _most_probable_turns(fitted: FittedModel, setup: Setup) -> NDArray[np.bool_]
     equations = VariationEquations.of(VariationRows.of(fitted, context)).group(group)
     if equations.in_two_kinds().gain < MIN_GAIN:
         return still
-    differing = Differing.of(fitted, context)
+    differing = Differing.of(fitted, context, about=group)
     if not (differing and differing.named and differing.first.group == group):
         return still
     turned = differing.first.pattern > 0

@@ -12,12 +12,14 @@ Source: C. E. Rasmussen, C. K. I. Williams, Gaussian processes for machine learn
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from torch import Tensor
 
 from calib.estimation.observations import Observations
@@ -42,7 +44,7 @@ JITTER = 1e-12
 """Relative to the variance of the processes: keeps the root of their covariance real."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Discrepancy:
     """The most probable discrepancy beside a fit."""
 
@@ -72,25 +74,35 @@ class Discrepancy:
         root = likelihood.root(likelihood.most_probable())
         return Discrepancy(tuple(by_view), root.numpy())
 
-    def eliminate(
-        self, view: int, columns: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], float]:
+    def explain(self, view: int, columns: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
         """Eliminate the discrepancy from a view's residuals.
 
         Args:
             columns: (2m, n), x and y of one corner after the other.
 
         Returns:
-            (n, n) the inner products of the columns that are left, and the log determinant of what
-            was eliminated.
+            (n, n) by how much the columns' inner products fall, and the log determinant of what was
+            eliminated.
         """
-        functions = self.modes[view] @ self.root
-        factor = np.linalg.cholesky(np.eye(functions.shape[1]) + functions.T @ functions)
-        products = columns.T @ columns
-        for axis in (0, 1):
-            explained = np.linalg.solve(factor, functions.T @ columns[axis::2])
-            products = products - explained.T @ explained
-        return np.asarray(products), 4 * float(np.log(factor.diagonal()).sum())
+        whitening, log_determinant = self._whitening[self.modes[view].tobytes()]
+        explained = whitening @ columns.reshape(len(columns) // 2, -1)  # x columns, then y
+        explained = explained.reshape(-1, columns.shape[1])
+        return explained.T @ explained, log_determinant
+
+    @cached_property
+    def _whitening(self) -> Mapping[bytes, tuple[NDArray[np.float64], float]]:
+        """For each set of corners, (q, m) from a residual to the part that the discrepancy
+        explains, whitened, and the log determinant of what is eliminated.
+        """
+        results = {}
+        for modes in self.modes:
+            if (key := modes.tobytes()) not in results:
+                functions = modes @ self.root
+                gram = np.eye(functions.shape[1]) + functions.T @ functions
+                factor = np.linalg.cholesky(gram)
+                whitening = solve_triangular(factor, functions.T, lower=True)
+                results[key] = whitening, 4 * float(np.log(factor.diagonal()).sum())
+        return results
 
 
 def possible_gain(increase: float) -> float:

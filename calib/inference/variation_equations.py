@@ -57,17 +57,18 @@ class VariationEquations:
     def of(rows: VariationRows, discrepancy: Discrepancy | None = None) -> VariationEquations:
         """Eliminate the views' own parameters, and a discrepancy."""
         eliminated = 0.0
-        inner = []
-        for index, view in enumerate(rows.views):
+        size = rows.views[0].shape[1] - rows.own
+        products = np.empty((len(rows.views), size, size))
+        for index, (view, inner) in enumerate(zip(rows.views, rows.products, strict=True)):
+            remaining = inner
             if discrepancy:
-                products, log_determinant = discrepancy.eliminate(index, view)
-                inner.append(products)
+                explained, log_determinant = discrepancy.explain(index, view)
+                remaining = inner - explained
                 eliminated += log_determinant
-            else:
-                inner.append(view.T @ view)
-        reduced = ReducedProducts.of(torch.from_numpy(np.array(inner)), rows.own_precision)
-        eliminated += float(reduced.log_determinant)
-        return VariationEquations(rows, reduced.products.numpy(), eliminated)
+            reduced = ReducedProducts.of(torch.from_numpy(remaining[None]), rows.own_precision)
+            products[index] = reduced.products[0].numpy()
+            eliminated += float(reduced.log_determinant)
+        return VariationEquations(rows, products, eliminated)
 
     @property
     def freedom(self) -> int:
@@ -167,7 +168,7 @@ class VariationEquations:
         places = variation.deviations @ self.rows.columns(variation.group).T  # (V, n + 1)
         places[:, self.rows.shared] += self.solution_with(variation)
         places[:, -1] = 1.0
-        costs = np.einsum("vi,vij,vj->v", places, self.products, places)
+        costs = ((places[:, None] @ self.products)[:, 0] * places).sum(1)
         return np.asarray(-costs / (2 * costs.sum() / self.freedom))
 
     @property

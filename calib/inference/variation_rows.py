@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -109,6 +110,11 @@ class VariationRows:
             },
             observations=fitted.observations,
         )
+
+    @cached_property
+    def products(self) -> tuple[Array, ...]:
+        """(B + n + 1, B + n + 1) inner products of each view's columns."""
+        return tuple(view.T @ view for view in self.views)
 
     @property
     def own(self) -> int:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -45,6 +46,7 @@ def find_variations(
     shared: Sequence[type[Effect]] = (),
     *,
     nameless: bool = True,
+    about: Group | None = None,
 ) -> list[Variation]:
     """Return what differs from view to view, the most probable first.
 
@@ -61,8 +63,10 @@ def find_variations(
             lacks them.
         nameless: allow for structure of no cause to explain more. Without it, numbers that imitate
             what the model lacks are returned too.
+        about: the only group of which it matters whether its numbers differ. Nothing is returned if
+            it explains too little by itself to have a name, which takes a quarter of the time.
     """
-    if largest_gain(fitted, context) < MIN_GAIN:
+    if not _may_differ(fitted, context):
         return []
     groups, patterns = _groups(fitted, context), patterns_of(fitted)
     groups = [group for group in groups if nameless or group.has_cause]
@@ -77,6 +81,10 @@ def find_variations(
     with_discrepancy = VariationEquations.of(rows, discrepancy)
     without = alone.log_evidence + possible_gain(with_discrepancy.log_evidence - alone.log_evidence)
     structure = max(0.0, with_discrepancy.log_evidence - alone.log_evidence)
+    if about:
+        gains = [variation.gain for variation in alone.group(about).variations(patterns)]
+        if max(gains) <= MIN_EXPLAINED * structure:
+            return []
     candidates = []
     sufficient = []
     variations = zip(
@@ -89,25 +97,26 @@ def find_variations(
         if first.gain > MIN_EXPLAINED * structure:
             explaining.add(first.group.name)
         evidence_with_discrepancy = with_discrepancy.log_evidence + second.gain
+        if first.largest >= MAX_DEVIATION:
+            continue
         if index < MAX_REFINED and first.gain > MIN_GAIN:
             evidence_with_discrepancy = max(
                 evidence_with_discrepancy, alone.log_evidence_beside(first)
             )
         evidence = alone.log_evidence + first.gain
         evidence += possible_gain(evidence_with_discrepancy - evidence)
-        likelihoods = (
-            with_discrepancy.view_log_likelihoods(second)
-            if structure
-            else alone.view_log_likelihoods(first)
-        )
-        variation = replace(first, gain=evidence - without, view_log_likelihoods=likelihoods)
-        if variation.gain > MIN_GAIN and variation.largest < MAX_DEVIATION:
-            candidates.append(variation)
-            if first.group.name in explaining or not nameless:
-                sufficient.append(variation)
+        if evidence - without <= MIN_GAIN:
+            continue
+        candidates.append(evidence - without)
+        if first.group.name in explaining or not nameless:
+            likelihoods = (
+                with_discrepancy.view_log_likelihoods(second)
+                if structure
+                else alone.view_log_likelihoods(first)
+            )
+            sufficient.append(replace(first, gain=candidates[-1], view_log_likelihoods=likelihoods))
     if candidates and not sufficient:
-        gain = max(variation.gain for variation in candidates)
-        return [structure_of_no_cause(gain, len(fitted.observations.names))]
+        return [structure_of_no_cause(max(candidates), len(fitted.observations.names))]
     return sorted(sufficient, key=lambda variation: -variation.gain)
 
 
@@ -144,6 +153,18 @@ def log_evidence_beside_discrepancy(fitted: FittedModel, context: EffectContext)
     discrepancy = rows.discrepancy(VariationEquations.of(rows).solution)
     evidence = VariationEquations.of(rows, discrepancy).log_evidence
     return evidence - sum(len(view) for view in rows.views) * float(np.log(fitted.joint.sigma))
+
+
+def _may_differ(fitted: FittedModel, context: EffectContext) -> bool:
+    """Return True if numbers that differ from view to view make the views more probable."""
+    if len(fitted.observations.names) < MIN_VIEWS:
+        return False
+    equations, patterns = (
+        VariationEquations.of(VariationRows.of(fitted, context)),
+        patterns_of(fitted),
+    )
+    variations = (equations.group(group).variations(patterns) for group in _groups(fitted, context))
+    return any(variation.gain >= MIN_GAIN for variation in chain.from_iterable(variations))
 
 
 def _with_largest_gain(

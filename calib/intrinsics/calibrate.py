@@ -1,7 +1,7 @@
 """Calibrate the camera without its cover: its intrinsics and its lens, from views of a board."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,6 +81,7 @@ def calibrate_bare(
             if is_outlier
         ]
         inliers = [view for view, out in zip(inliers, outlying, strict=True) if not out]
+        choice = replace(choice, solved={})
         _check_enough(inliers, rejected, board)
     if solved.rms > MAX_ERROR * max(size):
         raise NotEnoughDataError(NO_FIT)

@@ -2,7 +2,7 @@
 uncertainty of its profile likelihood.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -46,13 +46,18 @@ def spread_deg(poses: NDArray[np.float64]) -> float:
 
 
 def best_of_starts(
-    views: Sequence[View], board: Board, size: tuple[int, int], count: int
+    views: Sequence[View],
+    board: Board,
+    size: tuple[int, int],
+    count: int,
+    earlier: Mapping[int, OpenCVFit] | None = None,
 ) -> OpenCVFit:
     """Return the fit of least error.
 
-    If the fitted boards hardly tilt, the fit is repeated from several focal lengths.
+    If the fitted boards hardly tilt, the fit is repeated from several focal lengths. `earlier` are
+    fits of the same views, by their numbers of coefficients.
     """
-    solved = fit_opencv(views, board, size, count)
+    solved = fit_opencv(views, board, size, count, earlier=earlier)
     if spread_deg(solved.poses) >= FLAT_DEG:
         return solved
     candidates = []

@@ -36,6 +36,8 @@ class LensChoice:
     """A lens that is not OpenCV's; None for OpenCV's."""
     held_out: dict[str, float] = field(default_factory=dict)
     """Errors on held-out views, px, that the choice compared."""
+    solved: dict[int, OpenCVFit] = field(default_factory=dict)
+    """OpenCV's fits of all views, by their numbers of coefficients."""
 
 
 def choose_lens(
@@ -54,17 +56,18 @@ def choose_lens(
             raise NotEnoughDataError(NO_FIT)
         return LensChoice(None, simplest_model(scores, MIN_LENS_IMPROVEMENT), _by_name(scores))
     held_out: dict[str, float] = {}
+    solved: dict[int, OpenCVFit] = {}
     if count is None:
         from calib.intrinsics.lens_order import choose_order
 
-        name, held_out = choose_order(
+        name, held_out, solved = choose_order(
             views, board, size, progress, with_fisheye=camera.lens is None
         )
         if name == FISHEYE:
             return LensChoice(ray_lens=PLAIN, held_out=held_out)
         count = int(name)
     if model == OPENCV:
-        return LensChoice(count, None, held_out)
+        return LensChoice(count, None, held_out, solved)
     held_out = {
         str(count): clipped_mean(
             held_out_errors(
@@ -88,9 +91,9 @@ def choose_lens(
 def fit_choice(
     choice: LensChoice, views: Sequence[View], board: Board, size: tuple[int, int]
 ) -> "OpenCVFit | LensFit":
-    """Fit the chosen lens to views."""
+    """Fit the chosen lens to views: all those of the choice, or some without its `solved`."""
     if not choice.ray_lens:
-        return best_of_starts(views, board, size, choice.count or 0)
+        return best_of_starts(views, board, size, choice.count or 0, choice.solved)
     from calib.intrinsics.ray_lens_fit import fit_lens
 
     return fit_lens(choice.ray_lens, views, board, size)

@@ -118,9 +118,10 @@ def choose_order(
     progress: Progress,
     *,
     with_fisheye: bool,
-) -> tuple[str, dict[str, float]]:
+) -> tuple[str, dict[str, float], dict[int, OpenCVFit]]:
     """Return the number of OpenCV's coefficients that the views ask for, or the name of the
-    fisheye; and the error on held-out views, px, of each lens that was compared by it.
+    fisheye; the error on held-out views, px, of each lens that was compared by it; and OpenCV's own
+    fits, by their numbers of coefficients.
 
     The sensor's tilt is tried only if the thin prism is asked for, and if boards tilt: only then
     does a sensor's tilt differ from theirs. The same holds for the board's bend.
@@ -184,7 +185,7 @@ def choose_order(
                 order = _fit(FISHEYE, start, size, board if tilted else None, observations)
                 best = order if is_better(order, best) else best
     advance(2 * len(COEFFICIENTS), "")
-    return best.name, held_out
+    return best.name, held_out, opencv
 
 
 def _field_angle(order: LensOrder, size: tuple[int, int]) -> float:

@@ -4,7 +4,7 @@ Source: Z. Zhang, A flexible new technique for camera calibration (2000), the pa
     its own intrinsics.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import cv2
@@ -38,15 +38,28 @@ def fit_opencv(
     size: tuple[int, int],
     count: int,
     focal: float | None = None,
+    earlier: Mapping[int, OpenCVFit] | None = None,
 ) -> OpenCVFit:
     """Fit by Zhang's method, from few coefficients to many: started with all at once, it ends in
     poor local minima.
+
+    Args:
+        views: the views.
+        board: their board.
+        size: width and height of the picture, px.
+        count: the number of coefficients.
+        focal: px; None to estimate it.
+        earlier: such fits of the same views, by their numbers of coefficients.
     """
-    solved = None
-    for smaller_count in COEFFICIENTS:
-        if smaller_count < count:
-            solved = refine_opencv(views, board, size, smaller_count, solved, focal)
-    return refine_opencv(views, board, size, count, solved, focal)
+    solved = dict(earlier or {})
+    start = None
+    for step in COEFFICIENTS:
+        if step > count:
+            break
+        if step not in solved:
+            solved[step] = refine_opencv(views, board, size, step, start, focal)
+        start = solved[step]
+    return solved[count]
 
 
 def refine_opencv(

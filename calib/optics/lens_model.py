@@ -211,15 +211,7 @@ def undistort(
         valid = start.isfinite().all(-1)
         u = torch.where(valid, start[..., 0], u)
         v = torch.where(valid, start[..., 1], v)
-    for _ in range(NEWTON_STEPS):
-        step_u, step_v, _ = _newton_step(u, v, fixed_x, fixed_y, fixed)
-        # A step from a poor start can end beyond the fold: no step is longer than half of
-        # 0.1 plus the point's radius.
-        length = (step_u**2 + step_v**2).sqrt()
-        damped = (0.5 * (0.1 + (u * u + v * v).sqrt()) / length.clamp_min(1e-300)).clamp_max(1.0)
-        u, v = u - damped * step_u, v - damped * step_v
-        if bool((length <= CONVERGED).all()):
-            break
+    u, v = _solve(u, v, fixed_x, fixed_y, fixed)
     step_u, step_v, folded = _newton_step(
         u, v, goal_x, goal_y, coefficients
     )  # differentiable: Newton's last step is exact
@@ -232,6 +224,36 @@ def undistort(
         v - torch.where(unsolved, zero, step_v),
         unsolved,
     )
+
+
+def _solve(
+    u: Tensor, v: Tensor, goal_x: Tensor, goal_y: Tensor, coefficients: Sequence[Tensor]
+) -> tuple[Tensor, Tensor]:
+    """Return (...) undistorted coordinates after Newton's steps from a start. Points that have
+    converged rest once they are half of all.
+    """
+    shape = torch.broadcast_tensors(u, *coefficients)[0].shape
+    u, v, goal_x, goal_y = (t.expand(shape).flatten() for t in (u, v, goal_x, goal_y))
+    coefficients = [c.expand(shape).flatten() if c.ndim else c for c in coefficients]
+    solved_u, solved_v, rows = u, v, torch.arange(len(u))
+    for _ in range(NEWTON_STEPS):
+        step_u, step_v, _ = _newton_step(u, v, goal_x, goal_y, coefficients)
+        # A step from a poor start can end beyond the fold: no step is longer than half of
+        # 0.1 plus the point's radius.
+        length = (step_u**2 + step_v**2).sqrt()
+        damped = (0.5 * (0.1 + (u * u + v * v).sqrt()) / length.clamp_min(1e-300)).clamp_max(1.0)
+        u, v = u - damped * step_u, v - damped * step_v
+        moving = (~(length <= CONVERGED)).nonzero()[:, 0]
+        if 2 * len(moving) > len(u):
+            continue
+        solved_u, solved_v = solved_u.index_copy(0, rows, u), solved_v.index_copy(0, rows, v)
+        if not len(moving):
+            break
+        rows, u, v, goal_x, goal_y = (row[moving] for row in (rows, u, v, goal_x, goal_y))
+        coefficients = [c[moving] if c.ndim else c for c in coefficients]
+    else:
+        solved_u, solved_v = solved_u.index_copy(0, rows, u), solved_v.index_copy(0, rows, v)
+    return solved_u.reshape(shape), solved_v.reshape(shape)
 
 
 def _newton_step(
