@@ -232,7 +232,7 @@ def _solve(
     """Return (...) undistorted coordinates after Newton's steps from a start. Points that have
     converged rest once they are half of all.
     """
-    shape = torch.broadcast_tensors(u, *coefficients)[0].shape
+    shape = sum(coefficients, start=u).shape  # a coefficient may differ from point to point
     u, v, goal_x, goal_y = (t.expand(shape).flatten() for t in (u, v, goal_x, goal_y))
     coefficients = [c.expand(shape).flatten() if c.ndim else c for c in coefficients]
     solved_u, solved_v, rows = u, v, torch.arange(len(u))
