@@ -7,18 +7,22 @@ from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 
+import numpy as np
+
 from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.fitting.supported_depths import doubtful_depths
+from calib.io.arrays import decode_npz
 from calib.io.images import frames_folder, list_images
 from calib.io.numerals import counted
 from calib.io.shell import shell_line
 from calib.verdict.verdict import Trust
 
 CALIBRATION = "calibration.yaml"
+ARRAYS = "calibration.npz"
 REPORT = "report.html"
 DEPTH = 1.0
-"""m, the proposed depth of maps if none are written and no results were opened."""
+"""m, the proposed depth of maps if the calibration has no boards."""
 MAX_FILES = 6
 """The number of files in one folder that are named."""
 UPDATED = "updated"
@@ -29,6 +33,19 @@ def calibration_folder(session: Path) -> Path | None:
     """Return the folder of the session's calibration, if it has one."""
     folder = session / "calibration"
     return folder if (folder / CALIBRATION).exists() else None
+
+
+def propose_depth(folder: Path) -> float:
+    """Return the depth, m, that is proposed for the maps of a folder's calibration: the median of
+    its boards, which they support. DEPTH where there are none.
+    """
+    try:
+        poses = decode_npz((folder / ARRAYS).read_bytes())["poses"]
+        depths = np.asarray(poses, float).reshape(-1, 6)[:, 5]
+    except (OSError, ValueError, KeyError):  # reading the calibration says what is wrong
+        return DEPTH
+    ahead = depths[depths > 0]
+    return float(f"{np.median(ahead):.2g}") if ahead.size else DEPTH
 
 
 def updated_folder(folder: Path) -> Path | None:
@@ -43,7 +60,7 @@ def farewell_lines(
     results: Path | None,
     maps: Sequence[Path],
     *,
-    depth: float = DEPTH,
+    depth: float | None = None,
     boards: tuple[float, float] | None = None,
     doubt: str = "",
     was_cancelled: bool = False,
@@ -54,7 +71,7 @@ def farewell_lines(
         shown: the calibration whose results were opened last; None: no results were opened.
         maps: the files that were exported last. Empty: those in the session's export folder that
             are newer than the fit.
-        depth: m, the proposed depth of maps.
+        depth: m, the proposed depth of maps. None: that of `propose_depth`.
         boards: m, the depths of the nearest and the farthest corners, if they are known.
         doubt: the verdict's sentence, if the calibration is not trusted.
         was_cancelled: True if the last fit was ended before it had a result.
@@ -81,7 +98,8 @@ def farewell_lines(
             yield f"{doubt} The report says why, and what to do."
             yield f"Next: {shell_command('calib', 'report', folder)}"
         if doubt != Trust.DO_NOT_USE.sentence:
-            use = _next_command(session, folder, _supported_depth(maps, boards, depth))
+            proposed = propose_depth(folder) if depth is None else depth
+            use = _next_command(session, folder, _supported_depth(maps, boards, proposed))
             yield f"{'Then' if doubt else 'Next'}: {use}"
         return
     bare = _count_images(session / "bare")

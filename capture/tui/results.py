@@ -35,7 +35,7 @@ from capture.tui.drop import (
 )
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
-from capture.tui.farewell import CALIBRATION, DEPTH, updated_folder
+from capture.tui.farewell import CALIBRATION, propose_depth, updated_folder
 from capture.tui.numbers import Numbers
 from capture.tui.page import HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
@@ -257,8 +257,8 @@ class ResultsScreen(Page):
 
     @property
     def _depth(self) -> float:
-        """m, the depth of most corners."""
-        return float(next((entry["depth_m"] for entry in self.result["sigma_px"][1:2]), DEPTH))
+        """m, the proposed depth of maps."""
+        return propose_depth(Path(self.result["calibration"]).parent)
 
     @property
     def _boards(self) -> tuple[float, float] | None:

@@ -9,10 +9,10 @@ from textual import on, work
 
 from capture.tui.child import Child
 from capture.tui.depth import DepthScreen
+from capture.tui.farewell import propose_depth
 from capture.tui.live_undistortion import LiveUndistortion, make_undistortion
 from capture.tui.page import ChildReported, Page
 
-DEPTH = 1.0  # m, proposed until the person chooses another depth
 MESSAGE_S = 6.0  # s for which a message about the maps stays
 
 
@@ -25,7 +25,8 @@ class UndistortionPage(Page):
         self.undistortion: LiveUndistortion | None = None
         """The present undistortion of the live picture; None: it is shown as it is."""
         self._maps: Child | None = None
-        self._depth = DEPTH
+        self._depth: float | None = None
+        """m, the last depth that the person has chosen."""
 
     @abstractmethod
     def calibration(self) -> Path | None:
@@ -48,8 +49,9 @@ class UndistortionPage(Page):
         """Show the live picture undistorted, or as it is."""
         if self.undistortion or self._maps:
             self._use(None)
-        else:
-            self.app.push_screen(DepthScreen(f"{self._depth:g}"), self._make)
+        elif place := self.calibration():
+            depth = self._depth or propose_depth(place)
+            self.app.push_screen(DepthScreen(f"{depth:g}"), self._make)
 
     def _make(self, depth: float | None) -> None:
         if depth is not None and (place := self.calibration()):

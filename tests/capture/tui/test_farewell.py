@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from calib import Calibration
 from calib.cli import main
-from capture.tui.farewell import farewell_lines
+from calib.verdict.uncertainty import reached_depths
+from capture.tui.farewell import DEPTH, farewell_lines, propose_depth
 from tests.capture.tui.test_session import FIXTURE
 
 
@@ -91,6 +93,15 @@ def test_the_farewell_proposes_a_depth_that_the_boards_support(tmp_path: Path) -
         maps = [tmp_path / f"map_{depth}m.npz" for depth in written]
         *_, following = farewell_lines(tmp_path, shown, maps, depth=0.5, boards=(0.3, 1.2))
         assert f" --depth {proposed} " in following
+
+
+def test_the_proposed_depth_is_that_of_the_fits_next_command(session: Path, tmp_path: Path) -> None:
+    folder = session / "calibration"
+    _, median, _ = reached_depths(Calibration.load(folder))
+    assert propose_depth(folder) == pytest.approx(median, rel=0.1)
+    *_, following = farewell_lines(session, None, [])
+    assert f" --depth {propose_depth(folder):g} " in following
+    assert propose_depth(tmp_path) == DEPTH, "without a calibration"
 
 
 def test_the_farewell_proposes_no_use_of_what_must_not_be_used(tmp_path: Path) -> None:

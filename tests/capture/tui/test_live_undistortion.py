@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from textual.widgets import Input
 
 from calib import Calibration, Undistorter
 from calib.io.images import read_grey
@@ -19,6 +20,7 @@ from capture.frames import Frame
 from capture.tui.camera import Preview
 from capture.tui.cells import CORNER_MARK, LINE_MARK, Mark
 from capture.tui.collect import CollectScreen
+from capture.tui.farewell import propose_depth
 from capture.tui.live_undistortion import (
     GRID_DIVISIONS,
     LiveUndistortion,
@@ -145,6 +147,8 @@ async def _asked(session: Path) -> None:
         bent = screen._preview.image.copy()
         await pilot.press("u")
         await see(pilot, "depth in metres")
+        field = pilot.app.screen.query_one("#depth", Input)
+        assert field.value == f"{propose_depth(session / 'calibration'):g}"
         await write(pilot, "-1")
         await pilot.press("ctrl+s")
         await see(pilot, "is not a depth")
