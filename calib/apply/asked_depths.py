@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from calib.apply.map_uncertainty import map_sigmas
 from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.fitting.corner_range import corners_at, distance_range
@@ -76,7 +77,15 @@ def describe_unsupported(calibration: Calibration, depths: Iterable[float]) -> I
         yield (
             f"Take care at {', '.join(f'{depth:g} m' for depth in untrusted)}: the boards were"
             f" {near:.2g} to {far:.2g} m away, which supports {describe_trusted(near, far)}."
+            f"{_expected_error(calibration, untrusted)}"
         )
+
+
+def _expected_error(calibration: Calibration, depths: list[float]) -> str:
+    """Return a sentence on the standard deviation of the maps at these depths, m; "" without it."""
+    sigmas = map_sigmas(calibration, depths)
+    listed = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in sigmas.items())
+    return f" Expected error of the maps (sigma): {listed}." if listed else ""
 
 
 def _corner_range(calibration: Calibration) -> tuple[float, float] | None:

@@ -10,6 +10,7 @@ their rays, as if the camera looked straight at each corner.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
@@ -46,6 +47,8 @@ NO_CORNERS = (
     "the calibration's poses and corners do not go with its camera and cover, as if its files had"
     " been edited: fit the session again."
 )
+SAMPLED = 300
+"""The number of corners at which `map_sigmas` computes."""
 NODES = (49, 37)
 """Pixels across and down at which the variance is computed; between them it is linear."""
 
@@ -111,6 +114,31 @@ def predicted_sigma(calibration: Calibration) -> SigmaField | None:
         -1,
     )
     return SigmaField(nodes_x, nodes_y, variance.reshape(len(nodes_y), len(nodes_x), 3))
+
+
+def map_sigmas(calibration: Calibration, depths: Sequence[float]) -> dict[float, float]:
+    """Return the predicted standard deviation of the maps in px by depth in m, the median over the
+    corners; empty if the fit has no covariance.
+    """
+    errors = _corner_errors(calibration)
+    if not errors.size:
+        return {}
+    errors_by_depth = {depth: errors[:, :2] + errors[:, 2:] / depth for depth in depths}
+    return {
+        depth: float(np.nanmedian(np.sqrt((map_errors**2).sum((1, 2)))))
+        for depth, map_errors in errors_by_depth.items()
+    }
+
+
+@lru_cache(maxsize=1)  # a report and the command that writes it both judge
+def _corner_errors(calibration: Calibration) -> Array:
+    """Return the (n, 4, S) errors of the rays of some corners; for a wide lens, of corners that its
+    undistorted picture holds.
+    """
+    pixels = corners_at(calibration)[:, :2]
+    if calibration.model()[0].lens.wide:
+        pixels = pixels[calibration.ray_field().holds(pixels)]
+    return ray_errors(calibration)(pixels[:: max(1, len(pixels) // SAMPLED)])
 
 
 @lru_cache(maxsize=1)

@@ -14,6 +14,7 @@ from rich.progress import (
 from rich.table import Column, Table
 
 from calib.apply.angular_reach import undistortion_limit
+from calib.apply.map_uncertainty import map_sigmas
 from calib.calibration import Calibration
 from calib.calibration_content import Stage
 from calib.corners.copies import describe_still
@@ -35,7 +36,7 @@ from calib.progress import Advance
 from calib.session.lens import NAMES
 from calib.table import board_error, change
 from calib.verdict.thresholds import NO_BETTER
-from calib.verdict.uncertainty import map_sigmas, reached_depths
+from calib.verdict.uncertainty import reached_depths
 
 AS_WELL = 1.2
 """The largest error of held-out views, over that of the fitted ones, that is called as good."""

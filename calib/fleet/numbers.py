@@ -8,12 +8,12 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from calib.apply.map_uncertainty import map_sigmas
 from calib.calibration import Calibration
 from calib.estimation.relief_heights import height_spread
 from calib.fitting.declared import comparisons
 from calib.fleet.limits import EFFECTIVE
 from calib.session.deviation import independent_deviation
-from calib.verdict.uncertainty import map_sigmas
 
 USUAL_DEPTH = 1.0
 """m, at which maps are compared if the command states no depth."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.apply.angular_reach import undistortion_limit
+from calib.apply.map_uncertainty import map_sigmas
 from calib.calibration import Calibration
 from calib.fitting.declared import comparisons
 from calib.fitting.description import describe_bend
@@ -18,7 +19,6 @@ from calib.session.shapes.layer import WATER, medium_word
 from calib.verdict.judge import judge
 from calib.verdict.residual import NOT_ALL_NOISE, OF_NOISE
 from calib.verdict.thresholds import BEYOND_NOISE
-from calib.verdict.uncertainty import map_sigmas
 from calib.verdict.verdict import Verdict
 
 NOISE_ALONE = 1.3

@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
+from calib.apply.map_uncertainty import map_sigmas
 from calib.fitting.declared import VIEWS, Comparison, comparisons
 from calib.report.evidence import Evidence
 from calib.session.parameter_names import CAMERA
-from calib.verdict.uncertainty import map_sigmas
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,13 +3,11 @@ maps.
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from functools import lru_cache
+from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.apply.map_uncertainty import ray_errors
+from calib.apply.map_uncertainty import map_sigmas
 from calib.calibration import Calibration
 from calib.corners.view import pose_labels
 from calib.fitting.corner_range import corners_at, distance_range
@@ -21,9 +19,6 @@ from calib.session.session import MIN_FIT_VIEWS
 from calib.verdict.case import Case
 from calib.verdict.thresholds import FIGURE_UNKNOWNS, TELLS, UNSURE, UNSURE_FOCAL
 from calib.verdict.verdict import Reason
-
-SAMPLED = 300
-"""The number of corners at which the standard deviation is computed."""
 
 
 def too_few_views(case: Case) -> Iterator[Reason]:
@@ -96,20 +91,6 @@ def uncertain_maps(case: Case) -> Iterator[Reason]:
         yield Reason(sentence, case.next.capture())
 
 
-def map_sigmas(calibration: Calibration, depths: Sequence[float]) -> dict[float, float]:
-    """Return the predicted standard deviation of the maps in px by depth in m, the median over the
-    corners; empty if the fit has no covariance.
-    """
-    errors = _ray_errors(calibration)
-    if not errors.size:
-        return {}
-    errors_by_depth = {depth: errors[:, :2] + errors[:, 2:] / depth for depth in depths}
-    return {
-        depth: float(np.nanmedian(np.sqrt((map_errors**2).sum((1, 2)))))
-        for depth, map_errors in errors_by_depth.items()
-    }
-
-
 def reached_depths(calibration: Calibration) -> tuple[float, ...]:
     """Return the distances in m of the nearest, the median and the farthest corner, rounded to two
     digits.
@@ -121,14 +102,3 @@ def reached_depths(calibration: Calibration) -> tuple[float, ...]:
     near, far = distance_range(distance)
     rounded = (float(f"{depth:.2g}") for depth in (near, np.median(distance), far))
     return tuple(dict.fromkeys(rounded))
-
-
-@lru_cache(maxsize=1)  # a report and the command that writes it both judge
-def _ray_errors(calibration: Calibration) -> NDArray[np.float64]:
-    """Return the (n, 4, S) errors of the rays of some corners; for a wide lens, of corners that its
-    undistorted picture holds.
-    """
-    pixels = calibration.observations.pixels.numpy()
-    if calibration.model()[0].lens.wide:
-        pixels = pixels[calibration.ray_field().holds(pixels)]
-    return ray_errors(calibration)(pixels[:: max(1, len(pixels) // SAMPLED)])

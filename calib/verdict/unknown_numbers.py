@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator, Sequence
 
+from calib.apply.map_uncertainty import map_sigmas
 from calib.fitting.declared import Comparison, comparisons
 from calib.session.parameter_names import CAMERA
 from calib.session.shapes.layer import AIR, medium_word
 from calib.session.shapes.registry import find_shape
 from calib.verdict.case import Case
-from calib.verdict.uncertainty import map_sigmas
 from calib.verdict.verdict import Reason
 
 

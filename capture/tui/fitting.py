@@ -7,6 +7,7 @@ from calib.progress import Progress
 from capture.tui.child import LOADING, MOVE_IT
 
 if TYPE_CHECKING:
+    from calib.apply.map_uncertainty import map_sigmas
     from calib.calibration import Calibration
 
 
@@ -64,7 +65,7 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
     from calib.fitting.view_noise import describe_noisy_views
     from calib.session.shapes.layer import medium_word
     from calib.verdict.judge import judge
-    from calib.verdict.uncertainty import map_sigmas, reached_depths
+    from calib.verdict.uncertainty import reached_depths
 
     verdict = judge(calibration, folder=saved.parent)
     observations = calibration.observations

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from calib.apply.map_uncertainty import predicted_sigma
+from calib.apply.asked_depths import describe_unsupported
+from calib.apply.map_uncertainty import map_sigmas, predicted_sigma
 from calib.calibration import Calibration
 from calib.export.npz import write_npz
 from calib.fit_record.request import Settings
+from calib.fitting.corner_range import corners_at
 from calib.fitting.stages import Setup, fit_stages
 from calib.io.file_set import FileSet
 from calib.optics.exposure import MIDDLE
@@ -193,3 +195,20 @@ def test_a_freed_index_makes_maps_less_certain(made: Scene, calibration: Calibra
     assert less
     x, y = np.full((1, 1), 1600.0), np.full((1, 1), 1200.0)
     assert less.at(x, y, 0.3) > sure.at(x, y, 0.3)
+
+
+def test_a_depth_without_boards_gets_the_expected_error_of_its_maps(
+    calibration: Calibration,
+) -> None:
+    (sentence,) = describe_unsupported(calibration, [0.05, 500.0])
+    sigmas = map_sigmas(calibration, [0.05, 500.0])
+    assert sentence.endswith(
+        "Expected error of the maps (sigma):"
+        f" {sigmas[0.05]:.2g} px at 0.05 m, {sigmas[500.0]:.2g} px at 500 m."
+    )
+    fixed = replace(calibration, covariance=np.zeros((0, 0)))
+    (sentence,) = describe_unsupported(fixed, [0.05, 500.0])
+    assert "sigma" not in sentence
+    near, far = np.quantile(corners_at(calibration)[:, 2], [0.0, 1.0])
+    assert map_sigmas(calibration, [0.05])[0.05] > map_sigmas(calibration, [near])[near]
+    assert not list(describe_unsupported(calibration, [near, far]))
