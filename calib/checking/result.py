@@ -14,6 +14,8 @@ class CheckStatus(Enum):
     """Statuses of a checked calibration, from good to bad."""
 
     VALID = "valid"
+    UNDECIDED = "undecided"
+    """The pictures of a rig contradict each other, so they show no change."""
     DEGRADED = "degraded"
     BROKEN = "broken"
 
@@ -21,6 +23,7 @@ class CheckStatus(Enum):
     def sentence(self) -> str:
         return {
             CheckStatus.VALID: "The calibration is valid.",
+            CheckStatus.UNDECIDED: "The pictures do not show whether the calibration is valid.",
             CheckStatus.DEGRADED: "The calibration is degraded.",
             CheckStatus.BROKEN: "The calibration is broken for these pictures.",
         }[self]

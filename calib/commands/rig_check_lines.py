@@ -22,6 +22,7 @@ MIN_PLACEMENTS = 3
 """The fewest placements that a check should have."""
 SENTENCES = {
     CheckStatus.VALID: "The rig is valid.",
+    CheckStatus.UNDECIDED: "These pictures do not show whether the rig is valid.",
     CheckStatus.DEGRADED: "The rig is degraded.",
     CheckStatus.BROKEN: "The rig is broken for these pictures.",
 }

@@ -56,7 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         actions,
         "check",
         "Check with a few pictures whether the cameras are still where they were, and find what"
-        " changed. Exit code 0: valid; 5: degraded or broken.",
+        " changed. Exit code 0: valid; 3: the pictures contradict each other; 5: degraded or"
+        " broken.",
     )
     check.add_argument(
         "calibration", type=Path, metavar="CALIBRATION", help="the folder that calib rig fit wrote"
@@ -240,6 +241,7 @@ def _check(args: argparse.Namespace) -> int:
         from calib.commands.console import Bars
         from calib.commands.printing import print_json
         from calib.commands.rig_check_lines import next_rig_command, print_rig_check
+        from calib.errors import NotEnoughDataError
         from calib.rig.check_rig import check_rig
 
     with Bars() as bars:
@@ -250,7 +252,8 @@ def _check(args: argparse.Namespace) -> int:
         print_json(result.as_json() | {"next": following, "written": []})
     else:
         print_rig_check(result, following)
-    return 0 if result.status is CheckStatus.VALID else NOT_VALID
+    exit_codes = {CheckStatus.VALID: 0, CheckStatus.UNDECIDED: NotEnoughDataError.exit_code}
+    return exit_codes.get(result.status, NOT_VALID)
 
 
 def _rectify(args: argparse.Namespace) -> None:

@@ -154,7 +154,7 @@ class RigChecker:
         unplaced |= {name: CONTRADICTORY if name in named else LEFT_OUT for name in reported}
         return replace(
             check,
-            status=CheckStatus.BROKEN,
+            status=CheckStatus.UNDECIDED,
             changes=contradictions,
             places={},
             unplaced=unplaced,

@@ -6,7 +6,7 @@ A new check is a function from a Case to reasons, and a line here.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import numpy as np
 from calib.calibration import Calibration, CalibrationSource
 from calib.errors import RefracalError, brief
 from calib.fitting.evaluate import Evaluation
+from calib.io.numerals import counted
 from calib.threads import single_thread
 from calib.verdict.bare_pictures import bare_pictures
 from calib.verdict.board_place import board_place, board_size, cover_size, small_board
@@ -33,6 +34,7 @@ from calib.verdict.mixed_settings import misfits, mixed_settings
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.orientation import orientation
 from calib.verdict.other_medium import other_medium
+from calib.verdict.picture_source import PictureSource
 from calib.verdict.principal_point import principal_point
 from calib.verdict.residual import residual
 from calib.verdict.scatter import scatter
@@ -124,8 +126,22 @@ def judge(
         uses = commands.uses(case.main_depth, mapped=case.main_depth in case.depths)
         diagnosis = calibration.history.diagnosis
         families = [family.note for family in diagnosis.families] if diagnosis else []
-        notes = (*families, *settled, *undecided_medium(case), *small_board(case))
+        doubts = (*settled, *undecided_medium(case), *small_board(case))
+        notes = (*families, *doubts, *_film_note(case))
         return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses), notes)
+
+
+def _film_note(case: Case) -> Iterator[str]:
+    """Yield a note on the frames of the video that the pictures were taken from, if it is one."""
+    if case.next.source is not PictureSource.FILM:
+        return
+    names = [view.name for view in case.calibration.views]
+    frames = sorted([*names, *(picture.name for picture in case.calibration.rejected)])
+    yield (
+        f"the pictures are {counted(len(frames), 'frame')} of a video, each the sharpest of its"
+        f" part of it, and are named by their numbers in it, from {frames[0]} to {frames[-1]}."
+        f" The fit uses {len(names)} of them."
+    )
 
 
 def _reasons(case: Case) -> tuple[Reason, ...]:

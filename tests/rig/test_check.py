@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from calib import check_rig as public_check_rig
-from calib.checking.result import CheckStatus
+from calib.checking.result import Change, CheckStatus
 from calib.checking.significance import ALPHA
 from calib.cli import main
 from calib.commands.rig_check_lines import next_rig_command
@@ -116,7 +116,7 @@ def test_pictures_that_contradict_each_other_show_no_movement(
         replace(view, name=earlier.name) for view, earlier in zip(right[1:], right, strict=False)
     )
     result = check(replace(pictures, views={"left": pictures.views["left"], "right": shifted}))
-    assert result.status is CheckStatus.BROKEN
+    assert result.status is CheckStatus.UNDECIDED
     assert not result.places
     change = only(result)
     assert (change.camera, change.change.name) == ("right", CONTRADICTION)
@@ -275,6 +275,30 @@ def test_the_command_has_the_exit_codes_of_calib_check(
     assert "it has moved against left by" in text
     assert "two cameras do not show which of them moved: right, or left instead." in text
     assert f"Next: capture {tmp_path}/bad-again --source NAME=SOURCE ..." in text
+
+
+def test_contradicting_pictures_are_not_enough_to_judge_a_rig(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change = RigChange("right", Change(CONTRADICTION, "the pictures show no movement", 1.0))
+    undecided = RigCheckResult(
+        status=CheckStatus.UNDECIDED,
+        p_value=0.0,
+        statistics=None,
+        changes=(change,),
+        cameras={},
+        places={},
+        base="left",
+        unplaced={},
+        placements=4,
+        rejected=(),
+    )
+    monkeypatch.setattr("calib.rig.check_rig.check_rig", lambda *_: undecided)
+    assert main(["rig", "check", "rig", "today", "--json"]) == NotEnoughDataError.exit_code
+    assert json.loads(capsys.readouterr().out)["answer"] == "undecided"
+    assert main(["rig", "check", "rig", "today"]) == NotEnoughDataError.exit_code
+    printed = capsys.readouterr().out
+    assert printed.startswith("These pictures do not show whether the rig is valid.")
 
 
 def test_what_cannot_be_checked_gets_a_sentence(

@@ -8,6 +8,7 @@ import pytest
 
 from calib.calibration import Calibration
 from calib.commands.verdict_lines import print_verdict
+from calib.corners.view import RejectedPicture
 from calib.fit_record.request import CommandOptions, Provenance, Settings
 from calib.importing.session_draft import COVER
 from calib.io.output_folder import OutputFolder
@@ -125,6 +126,21 @@ def test_a_film_is_filmed_again(
     printed = capsys.readouterr().out
     assert "Next, once that is done: calib fit FILM" in printed
     assert "FILM is a new video: film the board again with this camera" in printed
+
+
+def test_the_frames_of_a_film_are_a_note(good: Calibration, tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    assert not any("video" in note for note in judge(good, session=tmp_path).notes)
+    (tmp_path / "session.yaml").write_text(COVER.format(source="film.mp4"))
+    names = [f"{10 * number:03d}.png" for number in range(len(good.views))]
+    views = tuple(map(lambda view, name: replace(view, name=name), good.views, names))
+    rejected = (RejectedPicture("999.png", "no board was found"),)
+    filmed = replace(good, views=views, rejected=rejected)
+    note = judge(filmed, session=tmp_path).notes[-1]
+    assert note == (
+        "the pictures are 25 frames of a video, each the sharpest of its part of it, and are named"
+        " by their numbers in it, from 000.png to 999.png. The fit uses 24 of them."
+    )
 
 
 @pytest.mark.parametrize(
