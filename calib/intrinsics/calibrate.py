@@ -9,7 +9,7 @@ from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import MISFIT, RejectedPicture, View, describe_most, pose_labels
 from calib.errors import NotEnoughDataError
 from calib.estimation.robust import outlier_mask
-from calib.intrinsics.advice import NO_FIT, TILT
+from calib.intrinsics.advice import NO_FIT_OF_POINTS, TILT, NoFitError
 from calib.intrinsics.flat_views import refine_with_profile, spread_deg
 from calib.intrinsics.lens_choice import choose_lens, fit_choice
 from calib.intrinsics.opencv_fit import OpenCVFit
@@ -55,6 +55,16 @@ def calibrate_bare(
     Raises:
         NotEnoughDataError: too few views are usable, or they do not determine the focal length.
     """
+    try:
+        return _calibrate(views, board, camera, progress)
+    except NoFitError as error:
+        if board.has_grid:
+            raise
+        raise NotEnoughDataError(NO_FIT_OF_POINTS) from error
+
+
+def _calibrate(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> BareFit:
+    """Return the intrinsics of `calibrate_bare`."""
     usable, poseless = split_usable_views(views, board)
     inliers = list(usable)
     rejected = list(poseless)
@@ -84,7 +94,7 @@ def calibrate_bare(
         choice = replace(choice, solved={})
         _check_enough(inliers, rejected, board)
     if solved.rms > MAX_ERROR * max(size):
-        raise NotEnoughDataError(NO_FIT)
+        raise NoFitError()
     spread = spread_deg(solved.poses)
     if spread < MIN_SPREAD_DEG:
         raise NotEnoughDataError(

@@ -11,7 +11,7 @@ import numpy as np
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.estimation.model_choice import simplest_model
-from calib.intrinsics.advice import NO_FIT
+from calib.intrinsics.advice import NoFitError
 from calib.intrinsics.flat_views import best_of_starts
 from calib.intrinsics.held_out_views import MIN_LENS_IMPROVEMENT, clipped_mean, held_out_errors
 from calib.intrinsics.opencv_fit import OpenCVFit
@@ -53,7 +53,7 @@ def choose_lens(
     if model == SPLINED:
         scores = _score_ray_lenses(SPLINES, views, board, size, progress)
         if not scores:
-            raise NotEnoughDataError(NO_FIT)
+            raise NoFitError()
         return LensChoice(None, simplest_model(scores, MIN_LENS_IMPROVEMENT), _by_name(scores))
     held_out: dict[str, float] = {}
     solved: dict[int, OpenCVFit] = {}

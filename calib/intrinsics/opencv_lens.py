@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 
 from calib.corners.view import View
-from calib.errors import NotEnoughDataError
-from calib.intrinsics.advice import NO_FIT
+from calib.intrinsics.advice import NoFitError
 from calib.intrinsics.opencv_fit import OpenCVFit
 from calib.session.board import Board
 from calib.session.lens import COEFFICIENTS
@@ -109,7 +108,7 @@ def refine_opencv(
                 )
             )
     except cv2.error as error:
-        raise NotEnoughDataError(NO_FIT) from error
+        raise NoFitError() from error
     return OpenCVFit(
         matrix.astype(np.float64),
         np.ravel(distortion)[:count].astype(np.float64),

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.corners.view import View
-from calib.errors import NotEnoughDataError
 from calib.estimation.joint_fit import ROUNDS, WARM_ROUNDS, JointFit, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, rough_poses
 from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
-from calib.intrinsics.advice import NO_FIT
+from calib.intrinsics.advice import NoFitError
 from calib.intrinsics.joint_intrinsics import estimated_intrinsics
 from calib.intrinsics.ray_lens import RayLens
 from calib.optics.build import pinhole_path
@@ -144,7 +143,7 @@ def _fit(
 ) -> LensFit:
     poses = earlier.poses if earlier else pinhole_poses(path, values, observations)
     if not bool(torch.isfinite(poses).all()):
-        raise NotEnoughDataError(NO_FIT)
+        raise NoFitError()
     start = earlier.start if earlier and earlier.values.keys() == values.keys() else None
     joint = fit_joint(
         path,
@@ -156,7 +155,7 @@ def _fit(
         rounds=WARM_ROUNDS if start else ROUNDS,
     )
     if not joint.finite:
-        raise NotEnoughDataError(NO_FIT)
+        raise NoFitError()
     residual = residuals(path, joint.values, observations, joint.poses)
     return LensFit(path, joint.values, joint, residual.view_errors(observations), residual.rms_px)
 
@@ -219,7 +218,7 @@ def _initial_lens(
         error = float((image**2).sum(-1).nanmedian())
         candidates.append((error, path, values))
     if not candidates:
-        raise NotEnoughDataError(NO_FIT)
+        raise NoFitError()
     _, path, values = min(candidates, key=lambda candidate: candidate[0])
     return path, values
 

@@ -9,14 +9,13 @@ import numpy as np
 import torch
 
 from calib.corners.view import View
-from calib.errors import NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, Start
 from calib.estimation.observations import Observations
 from calib.estimation.poses import opencv_intrinsics
 from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
-from calib.intrinsics.advice import NO_FIT
+from calib.intrinsics.advice import NoFitError
 from calib.intrinsics.opencv_fit import OpenCVFit
 from calib.optics.build import pinhole_path
 from calib.session.board import Board
@@ -68,7 +67,7 @@ def fit_tilted_sensor(
             ROUNDS,
         )
         if not joint.finite:
-            raise NotEnoughDataError(NO_FIT)
+            raise NoFitError()
         residual = residuals(path, joint.values, observations, joint.poses)
     camera, lens = opencv_intrinsics(joint.values)
     return OpenCVFit(

@@ -125,6 +125,22 @@ def test_the_reason_why_no_view_of_a_target_can_be_used(
     assert "take more views of the target" in str(caught.value)
 
 
+def test_points_that_no_lens_fits_are_no_board_with_columns() -> None:
+    generator = np.random.default_rng(4)
+    places = Board(9, 9, 0.02).points()
+    covariance = np.tile(1e-4 * np.eye(2), (81, 1, 1))
+    points = [
+        PointView(view.name, generator.permutation(view.corners), places, covariance)
+        for view in bare_views(3, 6, 0.1)
+    ]
+    camera = replace(CAMERA, intrinsics=None, lens_coefficients=0)
+    target = PointTarget.of(np.concatenate([places] * 6))
+    with pytest.raises(NotEnoughDataError, match="No intrinsics fit these views") as caught:
+        calibrate_bare(views_of_points(points), target, camera, Silent())
+    assert "pixels and target of each file in points/" in str(caught.value)
+    assert "board" not in str(caught.value)
+
+
 def replace_points(view: PointView, rows: slice) -> PointView:
     """Return the view with some of its points alone."""
     return PointView(view.name, view.pixels[rows], view.places[rows], view.covariance[rows])
