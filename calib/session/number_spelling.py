@@ -6,7 +6,7 @@ import math
 import re
 import unicodedata
 
-from calib.session.typed_number import typed_number
+from calib.session.typed_number import join_sigmas
 
 PLAIN = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", re.ASCII)
 """A number as YAML reads it."""
@@ -21,20 +21,24 @@ UNITS = {
         **dict.fromkeys(("in", "inch", "inches", '"'), 25.4),
     },
     "deg": dict.fromkeys(("°", "deg", "degrees"), 1.0) | {"rad": 180 / math.pi},
+    "ms": {"ms": 1.0, "s": 1000.0},
     "px": dict.fromkeys(("px", "pixels", "pixel"), 1.0),
 }
 """For the suffix of a key, the size of each unit that a text may have, in the key's own."""
 
 
-def spelling_advice(key: str, text: str, *, has_sigma: bool) -> str:
+def spelling_advice(key: str, text: str, *, has_sigma: bool, is_whole: bool = False) -> str:
     """Return what to write in place of a text that was meant as a number, as the end of a sentence;
     empty if it was not meant as one.
 
     Args:
         key: the key of the number, whose suffix names the unit.
         has_sigma: true if a mapping of a value and its sigma is allowed there.
+        is_whole: true if only whole numbers are allowed there.
     """
     word = text.strip()
+    if is_whole and re.search(r"[0-9],[0-9]", word):
+        return ""  # 1920,5 px are no width: the limits say what is
     if PLAIN.fullmatch(word):
         return "drop the quotes"
     dash = next((character for character in word if character in DASHES), "")
@@ -45,21 +49,32 @@ def spelling_advice(key: str, text: str, *, has_sigma: bool) -> str:
         return f"write {word.replace(',', '.')} with a decimal point"
     if _is_number(word):
         return f"write {float(word):g}, in the digits 0 to 9 alone"
-    pair = typed_number(word)
-    if has_sigma and isinstance(pair, dict) and {*pair} == {"value", "sigma"}:
-        return f"write {{value: {pair['value']:g}, sigma: {pair['sigma']:g}}}"
-    return _without_unit(key, word)
+    pointed = re.sub(r"(?<=[0-9]),(?=[0-9])", ".", word)
+    value, pair, sigma = join_sigmas(pointed).partition("±")
+    number = _in_unit(key, value, _unit_of(sigma))
+    uncertainty = _in_unit(key, sigma, _unit_of(value))
+    if has_sigma and number is not None and uncertainty is not None:
+        return f"write {{value: {number:g}, sigma: {uncertainty:g}}}"
+    if pair or number is None:
+        return ""
+    return f"write {number:g} without a unit, which is that of the key"
 
 
-def _without_unit(key: str, word: str) -> str:
-    """Return the number of a text such as 2.5 cm in the unit of its key; empty if it has none."""
+def _unit_of(word: str) -> str:
+    """Return the unit of a text such as 2.5 cm; empty if it has none."""
+    match = NUMBER_START.fullmatch(word)
+    return match[5].strip().lower() if match else ""
+
+
+def _in_unit(key: str, word: str, default_unit: str) -> float | None:
+    """Return the number of a text such as 2.5 cm in the unit of its key; None if it is no number.
+    Without a unit it has the default one, or that of the key where this is empty.
+    """
     match = NUMBER_START.fullmatch(word)
     suffix = re.sub(r"\[[0-9]+\]$", "", key).rpartition("_")[2]
     units = UNITS.get(suffix, UNITS["px"])
-    size = units.get(match[5].strip().lower()) if match else None
-    if not match or size is None:
-        return ""
-    return f"write {float(match[1]) * size:g} without a unit, which is that of the key"
+    size = units.get(_unit_of(word) or default_unit or next(iter(units)))
+    return float(match[1]) * size if match and size is not None else None
 
 
 def _is_number(text: str) -> bool:

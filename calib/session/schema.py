@@ -137,7 +137,9 @@ class Section:
         """Return the error that the key has this value, and what to write instead."""
         if isinstance(value, str) and "number" in expected:
             has_sigma = expected.startswith("a number") and key != "sigma"
-            if advice := spelling_advice(key, value, has_sigma=has_sigma):
+            is_whole = expected.startswith("a whole number")
+            advice = spelling_advice(key, value, has_sigma=has_sigma, is_whole=is_whole)
+            if advice:
                 text = f'{self.file}: {self.key_path(key)} is the text "{brief(value)}"'
                 return InputError(f"{text}: {advice}.")
         return InputError(
