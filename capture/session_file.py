@@ -19,6 +19,11 @@ from calib.session.shutter import Shutter
 from capture.disk import write_durably
 
 Setup = tuple[Board, Camera, Cover]
+BOARD_ADVICE = (
+    "describe the board by --board COLSxROWS (its inner corners) and --square-mm MM (the side of a"
+    " square), with --type where it has markers."
+)
+"""Advice on a session without a board; nobody has said which board it will have."""
 
 
 def read_setup(file: Path) -> Setup:
@@ -83,10 +88,7 @@ def board_of(session: Path, requested: Board | None, like: Setup | None = None) 
         described = file.exists()
     if not described:
         if requested is None:
-            raise InputError(
-                f"{session} has no session.yaml yet: describe the board by --board 9x9 --square-mm"
-                " 20 (inner corners), with --type where it has markers."
-            )
+            raise InputError(f"{session} has no session.yaml yet: {BOARD_ADVICE}")
         return requested
     if "corners" in read_yaml(file):
         raise InputError(

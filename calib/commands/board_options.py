@@ -112,10 +112,15 @@ def board_from_options(args: argparse.Namespace) -> "Board | None":
     options = {key: value for key in OPTIONS if (value := getattr(args, key, None)) is not None}
     if args.board is None and not options:
         return None
-    if args.board is None or not options.keys() & {"square_mm", "tag_mm"}:
+    if args.board is None:
         raise InputError(
-            "--board and --square-mm belong together: give both, such as --board 9x6 --square-mm"
-            " 25; an aprilgrid or a gridboard has --tag-mm instead."
+            "--board and --square-mm belong together: add --board COLSxROWS, the inner corners of a"
+            " row and of a column, or the tags of a grid."
+        )
+    if not options.keys() & {"square_mm", "tag_mm"}:
+        raise InputError(
+            "--board and --square-mm belong together: add --square-mm MM, the side of a square; an"
+            " aprilgrid or a gridboard has --tag-mm instead."
         )
     columns, rows = args.board
     return read_board(Section({"columns": columns, "rows": rows, **options}, "The command line"))

@@ -15,7 +15,7 @@ from calib.rig.rig_file import BY_NAME, FORMAT, NAME
 from calib.session.board import Board
 from calib.session.schema import Section
 from capture.disk import write_durably, writing
-from capture.session_file import Setup, board_of, picture_folder
+from capture.session_file import BOARD_ADVICE, Setup, board_of, picture_folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +77,7 @@ class RigFolder:
         for name in described:
             board = board_of(self.sessions[name], board, likes.get(name))
         if board is None:
-            raise InputError(
-                f"{self.path} describes no board yet: describe it by --board 9x9 --square-mm 20"
-                " (inner corners), with --type where it has markers."
-            )
+            raise InputError(f"{self.path} describes no board yet: {BOARD_ADVICE}")
         return board
 
     def describe(self) -> bool:

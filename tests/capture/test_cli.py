@@ -318,12 +318,17 @@ def test_help_is_quick() -> None:
         (
             ["{}/new", "--source", "folder:{}/source"],
             2,
-            "has no session.yaml yet: describe the board by --board 9x9 --square-mm 20",
+            "has no session.yaml yet: describe the board by --board COLSxROWS (its inner corners)",
         ),
         (
             ["{}/new", "--source", "folder:{}/source", "--board", "9x9"],
             2,
-            "--board and --square-mm belong together",
+            "--board and --square-mm belong together: add --square-mm MM, the side of a square;",
+        ),
+        (
+            ["{}/new", "--source", "folder:{}/source", "--square-mm", "20"],
+            2,
+            "--board and --square-mm belong together: add --board COLSxROWS, the inner corners",
         ),
         (["{}/new", "--source", "camera", *BOARD_FLAGS], 2, "names no kind of source"),
         (

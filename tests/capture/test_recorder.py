@@ -274,7 +274,7 @@ def test_cover_and_camera_come_from_another_session(tmp_path: Path) -> None:
 
 
 def test_the_board_is_described_once(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="describe the board by --board 9x9 --square-mm 20"):
+    with pytest.raises(InputError, match="describe the board by --board COLSxROWS"):
         board_of(tmp_path, None)
     keep(tmp_path, PICTURES[:1])
     assert board_of(tmp_path, None) == board_of(tmp_path, BOARD) == BOARD

@@ -243,7 +243,7 @@ REFUSED = (
         "kalibr half a board",
         "kalibr",
         kalibr(target=""),
-        "belong together: give both",
+        "belong together: add --square-mm MM",
         ("--board", "7x6"),
     ),
     Refused(
