@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 
 from calib.commands.command_line import run_command
+from calib.commands.printing import print_error
 from capture.commands import record, sources, ui
 
 DESCRIPTION = """
@@ -32,10 +33,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     argv = sys.argv[1:] if argv is None else list(argv)
     if not argv:
-        print(
-            "capture: name a folder, which is made if need be: capture SESSION. capture --help"
-            " lists the commands.",
-            file=sys.stderr,
+        print_error(
+            "capture",
+            "name a folder, which is made if need be: capture SESSION. capture --help lists the"
+            " commands.",
         )
         return 2
     names = {command.__name__.rpartition(".")[2] for command in COMMANDS}

@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import sys
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_output, add_overwrite, millimetres, quoted, whole_size
@@ -93,7 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from calib.commands.printing import print_json, print_paths
+    from calib.commands.printing import print_json, print_paths, print_remark
     from calib.io.file_set import FileSet
     from calib.io.files import reading
     from calib.sheet.layout import lay_out
@@ -125,7 +124,7 @@ def run(args: argparse.Namespace) -> None:
     else:
         print_paths(written)
     for remark in _remarks(pattern, sheet):
-        print(remark, file=sys.stderr)
+        print_remark(remark)
 
 
 def _pattern(args: argparse.Namespace) -> "Pattern":

@@ -22,6 +22,7 @@ from calib.commands.parser import (
     examples_of,
     with_choices_below,
 )
+from calib.commands.printing import print_error
 from calib.errors import RefracalError, brief
 from calib.version import VERSION
 
@@ -57,7 +58,8 @@ def run_command(
         words = [*words[1:], "--help"]
     if not words:
         parser.print_help()
-        parser.exit(2, f"{program}: name a COMMAND; {program} COMMAND --help explains it.\n")
+        print_error(program, f"name a COMMAND; {program} COMMAND --help explains it.")
+        parser.exit(2)
     try:
         args = parser.parse_args(words)
         args.words = list(words)
@@ -65,7 +67,7 @@ def run_command(
             code: int | None = args.run(args)
         print(end="", flush=True)  # a full disk raises here; at exit it would be a traceback
     except RefracalError as error:
-        print(f"{program}: {with_choices_below(str(error))}", file=sys.stderr)
+        print_error(program, with_choices_below(str(error)))
         return error.exit_code
     except KeyboardInterrupt:
         print(f"{program}: interrupted.", file=sys.stderr)
@@ -77,20 +79,15 @@ def run_command(
         if (
             isinstance(error, OSError) and error.errno and error.filename is None
         ):  # the error names no file, so it concerns stdout
-            print(
-                f"{program}: the result cannot be printed ({error.strerror}): send stdout to"
-                " another place.",
-                file=sys.stderr,
-            )
+            reason = f"the result cannot be printed ({error.strerror})"
+            print_error(program, f"{reason}: send stdout to another place.")
             _drop_stdout()
             return 2
         if "REFRACAL_TRACEBACK" in os.environ:
             traceback.print_exc()
-        print(
-            f"{program}: this is a bug in {program} ({type(error).__name__}: {brief(error)}): "
-            "run it again with REFRACAL_TRACEBACK=1 and report what it prints.",
-            file=sys.stderr,
-        )
+        bug = f"this is a bug in {program} ({type(error).__name__}: {brief(error)})"
+        advice = "run it again with REFRACAL_TRACEBACK=1 and report what it prints."
+        print_error(program, f"{bug}: {advice}")
         return 1
     return code or 0
 

@@ -5,7 +5,6 @@ that the options describe.
 import argparse
 import os
 import shlex
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +20,8 @@ from calib.commands.cover_options import (
     has_cover_option,
     intrinsics_from_options,
 )
-from calib.errors import InputError, harmless
+from calib.commands.printing import print_remark
+from calib.errors import InputError
 from calib.io.numerals import counted
 from calib.io.shell import shell_path
 from calib.session.lens import LENSES
@@ -47,12 +47,12 @@ UNKNOWN_SIDE = {
     "tag": "Pictures cannot show how large its tags are",
 }
 KEPT = (
-    "calib: {file} still holds what an earlier command said: {values}. An option changes it; to"
+    "{file} still holds what an earlier command said: {values}. An option changes it; to"
     " start anew, delete the file."
 )
 """The remark on pictures that were described before."""
 NO_COVER = (
-    "calib: no --cover: the camera is taken as bare. Behind glass or plastic add --cover cone,"
+    "no --cover: the camera is taken as bare. Behind glass or plastic add --cover cone,"
     " cylinder, flat, dome or unknown."
 )
 """The remark on pictures that are described without a cover."""
@@ -60,8 +60,7 @@ NO_COVER = (
 SMALL_BOARD_MM = 40.0
 """The width below which the unit is doubted: boards of centimetres are 40 mm and more."""
 SMALL_BOARD = (
-    "calib: the {board} board is {width:.3g} mm wide. If its sides are in centimetres, write"
-    " millimetres."
+    "the {board} board is {width:.3g} mm wide. If its sides are in centimetres, write millimetres."
 )
 
 
@@ -136,21 +135,21 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> DescribedSessi
     check_replaceable(source)
     board = _board_of(args, source, earlier.get("board"), progress)
     if board.has_grid and (width := 1e3 * board.width) < SMALL_BOARD_MM:
-        print(SMALL_BOARD.format(board=board, width=width), file=sys.stderr)
+        print_remark(SMALL_BOARD.format(board=board, width=width))
     if values := _earlier_values(args, earlier, cover):
         file = source.session / "session.yaml"
-        print(harmless(KEPT.format(file=file, values=values)), file=sys.stderr)
+        print_remark(KEPT.format(file=file, values=values))
     elif not (earlier or cover):
-        print(NO_COVER, file=sys.stderr)
+        print_remark(NO_COVER)
     assumed = (f(args, earlier.get("cover")) for f in (describe_usual, describe_medium))
     for sentence in filter(None, assumed if cover else ()):
-        print(f"calib: {sentence}", file=sys.stderr)
+        print_remark(sentence)
     cover = cover or dict(earlier.get("cover", {"shape": "none"}))
     intrinsics = intrinsics or earlier.get("intrinsics")
     lens = args.lens or _lens_of(earlier)
     replaced = read_file(source.session / DESCRIPTION) if source.is_described else None
     for notice in describe_pictures(source, board, cover, intrinsics, lens, progress):
-        print(harmless(f"calib: {notice}"), file=sys.stderr)
+        print_remark(notice)
     return DescribedSession(read_session(source.session), replaced)
 
 
@@ -313,7 +312,7 @@ def _declared_board(
     advance(1, "")
     if other is None or other.changes.keys() & options.keys():
         return board
-    print(harmless(f"calib: {other.finding}: session.yaml has {other.keys}."), file=sys.stderr)
+    print_remark(f"{other.finding}: session.yaml has {other.keys}.")
     return other.board
 
 
@@ -388,6 +387,6 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
         else:
             reason = f"{UNKNOWN_SIDE[finding.board.cell]}: measure one, and type"
         raise InputError(f"{sentence} {reason} {command}, with your own millimetres.")
-    print(harmless(sentence), file=sys.stderr)
+    print_remark(sentence)
     scale = float(str(options[side]))
     return read_board(Section({**finding.to_yaml(scale), **options}, "The command line"))

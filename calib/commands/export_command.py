@@ -1,7 +1,6 @@
 """The command `calib export`."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -103,7 +102,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.apply.colour import channel_calibration, check_dispersion
         from calib.calibration import Calibration
         from calib.commands.console import Bars
-        from calib.commands.printing import print_paths
+        from calib.commands.printing import print_paths, print_remark
         from calib.export.export import ExportRequest, export
         from calib.export.file_names import file_names
         from calib.export.outdated_files import find_outdated_files
@@ -120,7 +119,7 @@ def run(args: argparse.Namespace) -> None:
     depths = tuple(dict.fromkeys(args.depth))
     axes = args.axes or AXES[0]
     for remark in describe_all(calibration, depths):
-        print(remark, file=sys.stderr)
+        print_remark(remark)
     names = file_names(form, depths, (camera.width, camera.height), axes)
     exports = []
     with Bars() as bars, ExitStack() as stack:

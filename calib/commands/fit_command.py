@@ -1,7 +1,6 @@
 """The command `calib fit`."""
 
 import argparse
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +11,7 @@ from calib.commands.described_session import add_description, has_description, s
 from calib.commands.effect_names import effect_names_help
 from calib.commands.fit_options import add_fit_options, settings_of
 from calib.commands.loading import fast_imports
+from calib.commands.printing import print_remark
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -146,9 +146,9 @@ def run(args: argparse.Namespace) -> None:
                 print_verdict(verdict, written, verdict.further)
     if removed:
         names = ", ".join(removed)
-        print(f"Removed {names}, of the earlier fit: --depth writes maps.", file=sys.stderr)
+        print_remark(f"Removed {names}, of the earlier fit: --depth writes maps.")
     for remark in describe_depths(calibration, depths):
-        print(remark, file=sys.stderr)
+        print_remark(remark)
     if reached.refusals:
         raise InputError(f"The calibration is written, a map is not: {reached.refusals[0]}")
 
@@ -158,7 +158,7 @@ def _naming_description(session: Path, earlier: bytes | None, *, written: bool) 
     """If the fit fails, say that the session.yaml that the options gave remains; or write the
     earlier one again, if a fit with it has worked.
     """
-    from calib.errors import RefracalError, harmless
+    from calib.errors import RefracalError
     from calib.io.output_folder import OutputFolder
 
     try:
@@ -169,14 +169,14 @@ def _naming_description(session: Path, earlier: bytes | None, *, written: bool) 
         file = session / "session.yaml"
         if not (session / "calibration").exists():
             remark = (
-                f"calib: {file} has what your options say. If that is wrong,"
+                f"{file} has what your options say. If that is wrong,"
                 " type the command again with other values."
             )
-            print(harmless(remark), file=sys.stderr)
+            print_remark(remark)
         elif earlier:
             OutputFolder(session, flag="").write(file.name, earlier)
-            remark = f"calib: {file} is as it was before this command."
-            print(harmless(remark), file=sys.stderr)
+            remark = f"{file} is as it was before this command."
+            print_remark(remark)
         raise
 
 

@@ -1,7 +1,6 @@
 """The command `calib import`."""
 
 import argparse
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING
 from calib.commands.arguments import add_camera, add_output, millimetres, whole_size
 from calib.commands.board_options import add_coding, board_from_options
 from calib.commands.cover_options import add_intrinsics, intrinsics_from_options
+from calib.commands.printing import print_remark
 from calib.errors import harmless
 from calib.io.numerals import counted
 from calib.io.shell import shell_path
@@ -164,7 +164,7 @@ def run(args: argparse.Namespace) -> None:
     draft = _with_intrinsics(_draft(args), args)
     count = write_session(draft, args.output)
     for notice in draft.notices:
-        print(harmless(f"calib: {notice}"), file=sys.stderr)
+        print_remark(notice)
     contents = counted(count, "view" if draft.views else "picture")
     advice = f"calibrate it with calib fit {shell_path(args.output)}"
     print(harmless(f"{args.output} has {contents}: {advice}"))
@@ -178,7 +178,7 @@ def _run_rig(args: argparse.Namespace) -> None:
     count = write_rig(rig, args.output)
     for name, session in rig.sessions.items():
         for notice in session.notices:
-            print(harmless(f"calib: {name}: {notice}"), file=sys.stderr)
+            print_remark(f"{name}: {notice}")
     names = ", ".join(rig.sessions)
     print(
         harmless(

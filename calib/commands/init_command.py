@@ -1,7 +1,6 @@
 """The command `calib init`."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from calib.commands.arguments import add_overwrite, whole_size
@@ -42,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from calib.commands.printing import print_paths
+    from calib.commands.printing import print_paths, print_remark
     from calib.importing.from_pictures import uniform_pictures
     from calib.io.file_set import FileSet
     from calib.io.files import reading
@@ -73,7 +72,7 @@ def run(args: argparse.Namespace) -> None:
     cover = cover_from_options(args) or {"shape": "none"}
     session_from_mapping({"board": described, "camera": camera, "cover": cover}, "The command line")
     for assumed in filter(None, (describe_usual(args), describe_medium(args))):
-        print(f"calib: {assumed}", file=sys.stderr)
+        print_remark(assumed)
     text = commented_session(described, camera, cover)
     with FileSet(folder, overwrite=args.overwrite, inputs=pictures) as files:
         written = files.write("session.yaml", text)

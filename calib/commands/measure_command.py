@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -81,7 +80,7 @@ def run(args: argparse.Namespace) -> None:
         )
         from calib.calibration import Calibration
         from calib.commands.console import Bars
-        from calib.commands.printing import print_json
+        from calib.commands.printing import print_json, print_remark
 
     calibration = Calibration.load(args.calibration)
     points = read_points(args.points)
@@ -93,7 +92,7 @@ def run(args: argparse.Namespace) -> None:
         if args.depth is not None:
             measured = measure_at_depth(measurer, points, args.depth)
             for remark in describe_depths(calibration, [args.depth]):
-                print(remark, file=sys.stderr)
+                print_remark(remark)
         elif args.on_boards:
             measured = measure_on_boards(measurer, points, folder, poses, bars)
         else:

@@ -9,6 +9,7 @@ from itertools import takewhile
 from types import ModuleType
 from typing import Any, NoReturn
 
+from calib.commands.printing import print_error
 from calib.errors import RefracalError, brief, harmless, meant
 
 NUMBER = re.compile(
@@ -86,7 +87,8 @@ class Parser(argparse.ArgumentParser):
         """
         if message.startswith(MISSING) and self._example:
             message += f". A whole command is: {self._example}"
-        self.exit(2, f"{self.prog}: {with_choices_below(message)}\nsee {self.prog} --help\n")
+        print_error(self.prog, with_choices_below(message))
+        self.exit(2, f"see {self.prog} --help\n")
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None

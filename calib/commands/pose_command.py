@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -79,7 +78,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.apply.tags import TagLocator
         from calib.calibration import Calibration
         from calib.commands.console import Bars
-        from calib.commands.printing import print_json, print_paths
+        from calib.commands.printing import print_json, print_paths, print_remark
         from calib.io.files import check_writable
         from calib.io.output_folder import ANOTHER_FILE, OutputFolder
 
@@ -100,7 +99,7 @@ def run(args: argparse.Namespace) -> None:
     with Bars() as bars:
         pictures, refused = locate_in_files(locator, paths, bars)
     for picture in refused:
-        print(f"calib: left out: {picture.sentence}", file=sys.stderr)
+        print_remark(f"left out: {picture.sentence}")
     written = [args.output] if args.output else []
     if args.output:
         output.write(args.output.name, as_table(pictures))

@@ -14,7 +14,7 @@ from calib.commands.arguments import (
     folder_of,
 )
 from calib.commands.loading import fast_imports
-from calib.errors import harmless
+from calib.commands.printing import print_remark
 
 SUMMARY = "Write report.html for a calibration and open it in a browser."
 DESCRIPTION = """
@@ -87,7 +87,7 @@ def show_report(path: Path) -> None:
     if has_screen(os.environ, sys.platform):
         webbrowser.open(path.resolve().as_uri())
     else:
-        print(harmless(f"calib: no screen here: open {path} in a browser."), file=sys.stderr)
+        print_remark(f"no screen here: open {path} in a browser.")
 
 
 def has_screen(environment: Mapping[str, str], platform: str) -> bool:

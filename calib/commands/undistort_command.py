@@ -1,7 +1,6 @@
 """The command `calib undistort`."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,6 +17,7 @@ from calib.commands.arguments import (
     two_numbers,
 )
 from calib.commands.loading import fast_imports
+from calib.commands.printing import print_remark
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -124,16 +124,16 @@ def run(args: argparse.Namespace) -> None:
     calibration = Calibration.load(args.calibration)
     depths = [args.depth] if args.depth is not None else []
     for note in describe_all(calibration, depths):
-        print(note, file=sys.stderr)
+        print_remark(note)
     with Bars() as bars:
         paths, cut_off, remark = (_straighten_bag if bags else _straighten_files)(
             args, calibration, bars
         )
     print_paths(paths)
     if limit := undistortion_limit(calibration):
-        print(limit, file=sys.stderr)
+        print_remark(limit)
     if remark:
-        print(remark, file=sys.stderr)
+        print_remark(remark)
     if cut_off:
         count = len(cut_off) - 1
         addition = f" {count} more video{'s' * (count > 1)} of these break off." if count else ""
@@ -152,7 +152,7 @@ def _straighten_files(
     args: argparse.Namespace, calibration: "Calibration", progress: "Progress"
 ) -> Straightened:
     from calib.apply.undistort_files import UndistortOptions, undistort_files
-    from calib.errors import InputError, harmless
+    from calib.errors import InputError
     from calib.io.images import SUFFIXES
     from calib.io.output_folder import OutputFolder
 
@@ -174,7 +174,7 @@ def _straighten_files(
     )
     done = undistort_files(calibration, args.images, wanted, output, progress)
     for sentence in done.damaged:
-        print(harmless(f"calib: left out: {sentence}"), file=sys.stderr)
+        print_remark(f"left out: {sentence}")
     remark = ""
     if args.crop is None and args.depth is not None and done.black:
         remark = (

@@ -35,4 +35,4 @@ def calib(arguments: Sequence[str]) -> CommandResult:
         f"calib ended with {process.returncode} and printed nothing."
     ]
     remarks = [line for line in lines if line.startswith(REMARKS)]
-    return CommandResult(process.returncode, out, lines[-1].removeprefix("calib: "), remarks)
+    return CommandResult(process.returncode, out, lines[-1].removeprefix("calib: error: "), remarks)

@@ -94,7 +94,7 @@ def test_record_keeps_each_pose_once_and_says_so(still_poses: Path, tmp_path: Pa
     second_run = capture("record", session, "--source", f"folder:{still_poses}?speed=max")
     assert second_run.returncode == 3
     assert second_run.stderr.splitlines()[-1].startswith(
-        f"capture: No frame of folder:{still_poses}?speed=max was kept: "
+        f"capture: error: No frame of folder:{still_poses}?speed=max was kept: "
     )
     assert len(read_pictures(session / "frames")) == 4
 
@@ -414,7 +414,7 @@ def test_a_source_that_cannot_be_recorded_gets_one_sentence(
     out, err = capfd.readouterr()
     assert out == ""
     last = err.splitlines()[-1]
-    assert last.startswith("capture: ")
+    assert last.startswith("capture: error: ")
     assert says.format(tmp_path) in last
     assert "Traceback" not in err
 
@@ -444,7 +444,7 @@ def test_wrong_usage_exits_with_2(
 def test_capture_without_arguments_asks_for_a_folder(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 2
     assert capsys.readouterr().err.startswith(
-        "capture: name a folder, which is made if need be: capture SESSION"
+        "capture: error: name a folder, which is made if need be: capture SESSION"
     )
 
 

@@ -357,7 +357,7 @@ def test_a_full_disk_ends_with_one_sentence_and_a_readable_session(
     done = capture("record", session, "--source", f"folder:{source}", *BOARD_FLAGS, "--all")
     assert done.returncode == 4, done.stderr
     last = done.stderr.splitlines()[-1]
-    assert last.startswith("capture: ")
+    assert last.startswith("capture: error: ")
     assert last.endswith(
         "cannot be written (No space left on device): free some space there, or choose another"
         " disk."

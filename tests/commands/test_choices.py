@@ -181,8 +181,8 @@ def test_an_effect_that_cannot_be_is_refused_before_the_fit(
     errors = capsys.readouterr().err
     assert (
         errors
-        == "calib: --effects flat_port: with cover.shape: cone there can be no flat_port: leave it"
-        " out.\n"
+        == "calib: error: --effects flat_port: with cover.shape: cone there can be no flat_port:"
+        " leave it out.\n"
     )
     assert not (copy / "calibration").exists()
     assert main(["fit", str(copy), "--effects", "board_shape"]) == 2

@@ -19,7 +19,7 @@ import pytest
 
 from calib.calibration import Calibration
 from calib.cli import main
-from calib.commands.printing import print_json
+from calib.commands.printing import print_error, print_json, print_remark
 from calib.commands.verdict_lines import HOLDOUT_NOTE
 from calib.diagnosis.requested_effects import NAMES
 from calib.io.files import check_writable
@@ -278,7 +278,7 @@ def test_malformed_sessions_get_their_sentence_and_exit_code(
     assert not case.is_extra or "(0003.npy is left out: " in err
     assert out == ""
     assert "Traceback" not in err
-    _, *below = err[err.index("calib: ") :].strip().splitlines()
+    _, *below = err[err.index("calib: error: ") :].strip().splitlines()
     assert all(line.startswith("  ") for line in below), "choices alone stand below the sentence"
 
 
@@ -478,8 +478,8 @@ def test_a_result_that_cannot_be_printed_is_one_sentence(
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr.endswith(
-        "calib: the result cannot be printed (No space left on device): send stdout to another"
-        " place.\n"
+        "calib: error: the result cannot be printed (No space left on device): send stdout to"
+        " another place.\n"
     )
 
 
@@ -537,3 +537,28 @@ def test_help_loads_no_slow_library() -> None:
     assert all(command in done.stdout for command in ("fit", "evaluate", "undistort", "export"))
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
     assert not imported & {"torch", "cv2", "numpy", "rich", "scipy", "yaml"}
+
+
+def test_the_first_word_separates_remarks_from_errors(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def printed() -> list[str]:
+        print_remark("the frames are few.")
+        print_remark("Take care at 9 m: no board was there.")
+        print_error("calib", "x does not exist.")
+        captured = capsys.readouterr()
+        assert captured.out == "", "stdout is for the result"
+        return captured.err.splitlines()
+
+    assert printed() == [
+        "Note: the frames are few.",
+        "Take care at 9 m: no board was there.",
+        "calib: error: x does not exist.",
+    ]
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    note, warning, error = printed()
+    assert note == "\x1b[33mNote:\x1b[0m the frames are few."
+    assert warning == "\x1b[33mTake care\x1b[0m at 9 m: no board was there."
+    assert error == "\x1b[1;31mcalib: error:\x1b[0m x does not exist."

@@ -78,7 +78,7 @@ def run(words: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]
     assert code in ALLOWED_CODES, (words, err)
     if code:
         sentence = err.strip().splitlines()[-1]
-        assert sentence.startswith("calib: "), (words, err)
+        assert sentence.startswith("calib: error: "), (words, err)
         assert sentence.endswith("."), (words, err)
     assert "Warning" not in err, (words, err)
     return code, out

@@ -103,4 +103,4 @@ def test_every_command_accepts_the_calibration(
             code = int(stopped.code or 0)
         errors = capsys.readouterr().err
         assert code in ALLOWED, (words, errors)
-        assert code == 0 or "calib: " in errors or "check" in words, (words, errors)
+        assert code == 0 or "calib: error: " in errors or "check" in words, (words, errors)

@@ -53,7 +53,7 @@ def test_a_program_by_its_name_shows_the_help(
     assert ended.value.code == 2
     output = capsys.readouterr()
     assert "Calibrate one camera" in output.out
-    assert output.err == "calib: name a COMMAND; calib COMMAND --help explains it.\n"
+    assert output.err == "calib: error: name a COMMAND; calib COMMAND --help explains it.\n"
 
 
 @pytest.mark.parametrize("command", cli.COMMANDS, ids=command_name)

@@ -121,5 +121,5 @@ def test_a_camera_that_opens_but_does_not_stream_is_refused(
     steps: dict[str, Any], fault: str, reason: str
 ) -> None:
     assert steps[fault]["code"] == 4
-    assert f"capture: /dev/video0 {reason}" in steps[fault]["stderr"]
+    assert f"capture: error: /dev/video0 {reason}" in steps[fault]["stderr"]
     assert steps[fault]["pictures"] == {}

@@ -183,8 +183,8 @@ def test_wrong_usage_is_one_sentence_and_leaves_no_file(
     before = sorted(tmp_path.rglob("*"))
     assert main(["undistort", str(saved), *options]) == 2
     error = capsys.readouterr().err
-    assert sentence in error.split("calib: ")[-1]
-    assert error.count("calib: ") == 1
+    assert sentence in error.split("calib: error: ")[-1]
+    assert error.count("calib: error: ") == 1
     assert sorted(tmp_path.rglob("*")) == before
 
 

@@ -171,8 +171,8 @@ def test_no_session_is_overwritten(printed: Path, capsys: pytest.CaptureFixture[
     file = printed / "session.yaml"
     assert (
         capsys.readouterr().err
-        == f"calib: {file} is there already, and no session is overwritten: give another folder"
-        " with -o, or replace its session.yaml with --overwrite.\n"
+        == f"calib: error: {file} is there already, and no session is overwritten: give another"
+        " folder with -o, or replace its session.yaml with --overwrite.\n"
     )
     assert all((copy / path.name).read_bytes() == path.read_bytes() for path in printed.iterdir())
     assert run(printed, "--rows", "7", "--overwrite") == 0
@@ -227,7 +227,9 @@ def test_a_board_that_does_not_fit_leaves_no_file(
     assert run(tmp_path / "s", "--square-mm", "40") == 2
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err.startswith("calib: 9x6 corners with squares of 40 mm have no room on A4")
+    assert captured.err.startswith(
+        "calib: error: 9x6 corners with squares of 40 mm have no room on A4"
+    )
     assert captured.err.count("\n") == 1
     assert not (tmp_path / "s").exists()
 
@@ -243,7 +245,7 @@ def test_remarks_go_to_stderr(
     options: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(tmp_path / "s", *options) == 0
-    assert capsys.readouterr().err.startswith(says)
+    assert capsys.readouterr().err.startswith(f"Note: {says}")
     assert run(tmp_path / "none") == 0
     assert capsys.readouterr().err == ""
 

@@ -114,7 +114,7 @@ def test_all_moments_are_kept_though_the_board_moves(
     for name in ("left", "right"):
         assert len(read_table(rig / name / "frames.csv")) == 6
     code, _, remarks = run(rig, [*arguments, "--burst", "2"], capsys)
-    assert (code, remarks[-1].startswith("capture: --burst and --every choose")) == (2, True)
+    assert (code, remarks[-1].startswith("capture: error: --burst and --every choose")) == (2, True)
 
 
 def test_the_recorded_rig_has_the_placements_that_were_shown(
@@ -193,7 +193,7 @@ def test_an_unplugged_camera_ends_the_recording_and_keeps_it(
     rig = tmp_path / "rig"
     code, _, remarks = run(rig, [*sources(broken), *BOARD_FLAGS], capsys)
     assert code == 2
-    assert remarks[-1].startswith("capture: right: ")
+    assert remarks[-1].startswith("capture: error: right: ")
     assert remarks[-2].startswith(f"Safe in {rig}: 3 shared views")
     assert len(list((rig / "right" / "frames").iterdir())) == 3
     assert run(rig, sources(recordings), capsys)[0] == 0

@@ -183,7 +183,7 @@ def test_wrong_usage_is_one_sentence(
     assert main([*command, *options]) == code
     error = capsys.readouterr().err
     assert sentence in error
-    assert error.count("calib: ") == 1
+    assert error.count("calib: error: ") == 1
 
 
 def test_without_the_package_http_says_what_to_install(

@@ -37,7 +37,7 @@ def test_the_child_that_finds_the_lens_loads_no_torch() -> None:
 def test_a_wrong_source_is_refused_before_the_screen_opens(tmp_path: Path) -> None:
     done = capture(tmp_path / "session", "--source", "webcam:0")
     assert done.returncode == 2
-    assert done.stderr.startswith("capture: --source webcam:0 names no kind of source")
+    assert done.stderr.startswith("capture: error: --source webcam:0 names no kind of source")
 
 
 def test_a_damaged_session_is_refused_before_the_screen_opens(tmp_path: Path) -> None:
