@@ -48,6 +48,7 @@ from calib.threads import single_thread
 
 FORMAT = 2
 FILES = ("calibration.yaml", "calibration.npz")
+YAML_SUFFIXES = (".yaml", ".yml")
 DERIVED = ("rays.npz", "map_*m.npz", "report.html")
 """Files in a calibration's folder that are made from it."""
 MAX_READS = 2
@@ -179,6 +180,11 @@ def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
                 f"{path} is a file of OpenCV, of a camera without its cover: calib fit PICTURES"
                 f" --intrinsics {shell_path(path)} takes its numbers."
             )
+        if place.suffix.lower() not in YAML_SUFFIXES:
+            raise InputError(
+                f"{path} is not a calibration.yaml: give that file, or the folder that calib fit"
+                " wrote."
+            )
         document = read_yaml(place)
         if document.get("format") != FORMAT:
             version = brief(repr(document.get("format")))
@@ -199,6 +205,10 @@ def _where_to_find(path: FilePath) -> str:
     folder = path.parent
     if (folder / "calibration" / path.name).is_file():
         return f"{folder} is a session; its calibration is {folder / 'calibration'}"
+    if (folder / "rig_calibration.yaml").is_file():
+        cameras = sorted(file.parent for file in folder.glob(f"*/{path.name}"))
+        names = ", ".join(map(str, cameras))
+        return f"{folder} is a rig, so name the calibration of one camera: {names}"
     if path.stem != "calibration":
         return "give the folder that calib fit wrote"
     if (folder / "session.yaml").is_file():

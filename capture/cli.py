@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from calib.commands.command_line import run_command
 from calib.commands.printing import print_error
+from calib.errors import meant
 from capture.commands import record, sources, ui
 
 DESCRIPTION = """
@@ -40,6 +41,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         return 2
     names = {command.__name__.rpartition(".")[2] for command in COMMANDS}
+    close = meant(argv[0], sorted(names))
+    if close and argv[0] not in names and len(argv) > 1 and not argv[1].startswith("-"):
+        print_error("capture", f"{argv[0]} is not a command: did you mean {close}?")
+        return 2
     if argv[0].partition("=")[0] not in (*names, "-h", "--help", "--version", "--print-completion"):
         argv = ["ui", *argv]
     return run_command("capture", DESCRIPTION, COMMANDS, argv, epilog=EPILOG)

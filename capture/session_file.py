@@ -42,7 +42,9 @@ def read_setup(file: Path) -> Setup:
 
 
 def read_described(file: Path) -> Setup:
-    """Return target, camera and cover of a session.yaml."""
+    """Return target, camera and cover of a session.yaml, or of the one in a folder."""
+    with reading(file):
+        file = file / "session.yaml" if file.is_dir() else file
     written = read_yaml(file)
     Section(written, str(file)).choice(
         "format", (FORMAT,), f"{FORMAT}, the format that this version reads"

@@ -325,6 +325,18 @@ def edit_yaml(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
     path.write_text(yaml.safe_dump(document))
 
 
+def test_a_file_in_place_of_a_calibration_gets_its_sentence(
+    calibration: Calibration, tmp_path: Path
+) -> None:
+    camera = tmp_path / "left"
+    calibration.save(camera)
+    with pytest.raises(InputError, match=r"npz is not a calibration.yaml: give that file, or the"):
+        Calibration.load(camera / "calibration.npz")
+    (tmp_path / "rig_calibration.yaml").touch()
+    with pytest.raises(InputError, match=r"is a rig, so name the calibration of .*/left\.$"):
+        Calibration.load(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [

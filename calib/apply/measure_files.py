@@ -7,6 +7,7 @@ image,rx,ry,rz,tx,ty,tz           T_camera_board: rotation vector, rad, and tran
 
 import csv
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -244,6 +245,9 @@ def _read_table(
             f"{path} is not a CSV table ({error}): write a line of"
             f" {','.join((*text_columns, *number_columns))} for each entry."
         ) from error
+    if len(header) == 1 and (separator := re.search(r"[;\t ]", header[0])):
+        name = {";": "semicolons", "\t": "tabs", " ": "blanks"}[separator[0]]
+        raise InputError(f"{path} has {name} between its columns: write commas.")
     if missing := [name for name in number_columns if name not in header]:
         raise InputError(
             f"{path} has no column {missing[0]}: begin it with a line such as"

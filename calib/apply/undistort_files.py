@@ -86,6 +86,7 @@ def undistort_files(
     for path in inputs:
         with reading(path):
             paths += (*list_images(path), *list_videos(path)) if path.is_dir() else (path,)
+    paths = list(dict.fromkeys(paths))
     _check_names(paths, output.path)
     _check_depth_images(paths, options.depth, output.path)
     output.check(path.name for path in paths)

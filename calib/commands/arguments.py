@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +11,9 @@ from calib.io.numerals import whole_number
 
 FARTHEST = 1e9
 """m: a map for a greater depth equals the map for infinity to its last digit."""
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+"""The units that a length may be typed with, in mm."""
+LENGTH = re.compile(r"([0-9]+(?:[.][0-9]*)?|[.][0-9]+)\s*(mm|cm|m)", re.ASCII)
 Options = argparse.ArgumentParser | argparse._ArgumentGroup
 """A parser, or a group of options in its help."""
 
@@ -21,6 +25,10 @@ def depth(text: str) -> float:
     except ValueError:
         metres = math.nan
     if not (0 < metres <= FARTHEST or metres == math.inf):
+        if length := _length_in_mm(text):
+            raise argparse.ArgumentTypeError(
+                f"{quoted(text)} is not a depth: write {length / 1000:g}, in metres without a unit"
+            )
         if "," in text:
             raise argparse.ArgumentTypeError(
                 f"{quoted(text)} is not a depth: write metres with a point, such as 0.8, and"
@@ -31,6 +39,12 @@ def depth(text: str) -> float:
             " farthest"
         )
     return metres
+
+
+def _length_in_mm(text: str) -> float | None:
+    """Return a length that has a unit, such as 50cm, in mm; None if the text is none."""
+    match = LENGTH.fullmatch(text.strip().lower().replace(",", "."))
+    return float(match[1]) * MILLIMETRES[match[2]] if match else None
 
 
 def finite_depth(text: str) -> float:
@@ -87,10 +101,12 @@ def whole_size(text: str) -> tuple[int, int]:
 
 
 def two_numbers(text: str) -> tuple[int, int] | None:
-    """Return the two whole numbers of a text such as 9x6; None if it has another form."""
-    first, _, second = text.partition("x")
-    columns = whole_number(first)
-    rows = whole_number(second)
+    """Return the two whole numbers of a text such as 9x6, 9X6 or 9 × 6; None if it has another
+    form.
+    """
+    first, _, second = text.lower().replace("×", "x").partition("x")
+    columns = whole_number(first.strip())
+    rows = whole_number(second.strip())
     return None if columns is None or rows is None else (columns, rows)
 
 
@@ -101,6 +117,11 @@ def millimetres(text: str) -> float:
     except ValueError:
         side = 0.0
     if not 0.05 <= side <= 1e5:
+        if length := _length_in_mm(text):
+            raise argparse.ArgumentTypeError(
+                f"{quoted(text)} is not a side of a square: write {length:g}, in millimetres"
+                " without a unit"
+            )
         metres = 0 < side < 0.05
         hint = f" ({side:g} m, if metres were meant, is {side * 1000:g})" if metres else ""
         raise argparse.ArgumentTypeError(

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_calibration, depth, positive_number
+from calib.commands.arguments import add_calibration, check_order, depth, positive_number
 from calib.commands.loading import fast_imports
 from calib.errors import NotEnoughDataError, brief, harmless
 
@@ -82,6 +82,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.console import Bars
         from calib.commands.printing import print_json, print_remark
 
+    check_order(args.calibration, [args.points])
     calibration = Calibration.load(args.calibration)
     points = read_points(args.points)
     poses = read_poses(args.poses) if args.poses else {}

@@ -28,6 +28,8 @@ LINE = 80
 """The width of the lines that list choices."""
 MISSING = ("the following arguments are required: ", "one of the arguments ")
 """The first words of argparse's messages on arguments that are missing."""
+SURPLUS = "unrecognized arguments: "
+"""The first words of argparse's message on arguments that belong to nothing."""
 LONG_OPTION = re.compile(r"--[a-z][\w-]*", re.IGNORECASE)
 
 
@@ -85,6 +87,9 @@ class Parser(argparse.ArgumentParser):
         """Print the message alone, and where the options are explained. An argument may hold any
         character, for example a file name that a shell's * inserted: the message is made printable.
         """
+        surplus = message.removeprefix(SURPLUS)
+        if surplus != message and all(map(NUMBER.fullmatch, surplus.split())):
+            message = f"{surplus} is too much: the option in front of it takes one number"
         if message.startswith(MISSING) and self._example:
             message += f". A whole command is: {self._example}"
         print_error(self.prog, with_choices_below(message))

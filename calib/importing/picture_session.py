@@ -45,6 +45,9 @@ from calib.session.session import session_from_mapping
 from calib.session.shapes.none import NONE
 
 DESCRIPTION = "session.yaml"
+RIG = "rig.yaml"
+DESCRIPTION_NAMES = ("session.yaml", "session.yml")
+"""Names that people give it, in any case."""
 EXAMPLE = "--board 9x6 --square-mm 25"
 """The options of a command that describes a board, as messages quote them."""
 
@@ -54,6 +57,8 @@ MAX_INNER = 8
 """Folders that a message lists."""
 MIN_PICTURES = 3
 """Pictures that make a camera of their EXIF: one or two among many are strays."""
+ADDRESS = re.compile("(https?|ftp|rtsp):/", re.IGNORECASE)
+"""The beginning of the address of a file on another machine."""
 CONVERTIBLE = (".heic", ".heif", ".avif", ".gif", ".jp2", ".jxl", ".dng")
 """Suffixes of pictures that other programs convert to a type that is read."""
 
@@ -133,6 +138,8 @@ def _matches(path: Path) -> Sequence[Path]:
     with reading(path):
         if path.exists():
             return (path,)
+    if ADDRESS.match(str(path)):
+        raise InputError(f"{path} is an address: download the file, and give its path.")
     if not has_magic(str(path)):
         raise InputError(
             f"{path} is not a folder, a picture or a video that exists: check its name, or record"
@@ -152,6 +159,8 @@ def _matches(path: Path) -> Sequence[Path]:
 
 
 def _picture(path: Path) -> Path:
+    if path.name == RIG:
+        raise InputError(f"{path} describes a rig: calib rig fit {shell_path(path)} calibrates it.")
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(
             f"{path} is neither a picture nor a video: give {TYPES} files, a folder of them,"
@@ -167,6 +176,8 @@ def _in_folder(folder: Path, words: str) -> NamedPictures:
             folder.name in ("frames", "bare") and (folder.resolve().parent / DESCRIPTION).exists()
         )
         described = (folder / DESCRIPTION).exists()
+        if not described:
+            _check_description_name(folder)
     if is_inner and not described:
         session = shell_path(folder.parent)
         raise InputError(
@@ -189,15 +200,24 @@ def _in_folder(folder: Path, words: str) -> NamedPictures:
     return NamedPictures(folder, pictures, words=words)
 
 
+def _check_description_name(folder: Path) -> None:
+    """Raise InputError for a session.yaml of another spelling, which nothing would read."""
+    for path in folder.iterdir():
+        if path.name.lower() in DESCRIPTION_NAMES:
+            raise InputError(f"{path} is not read under that name: rename it to {DESCRIPTION}.")
+
+
 def _find_advice(folder: Path) -> str:
     """Return what to do about a folder without pictures: name its folders that have some, or
     convert files of another type.
     """
     inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and list_images(path)]
-    if inner:
+    if inner and not (folder / RIG).is_file():
         names = ", ".join(str(path) for path in inner[:MAX_INNER])
         command = f"calib fit {shell_path(inner[0])} {EXAMPLE}"
         return f"give a folder with the pictures of one camera ({names}), such as {command}"
+    if (folder / RIG).is_file():
+        return f"it is a rig, which calib rig fit {shell_path(folder)} calibrates."
     convertible = [p for p in list_unread(folder) if p.suffix.lower() in CONVERTIBLE]
     if convertible:
         files = f"{shell_path(folder)}/*{convertible[0].suffix}"

@@ -21,6 +21,7 @@ from calib.errors import InputError, brief, wrong_type
 from calib.fit_record.file_checks import read_arrays
 from calib.io.file_set import FileSet, find_current
 from calib.io.files import npz, reading
+from calib.io.shell import shell_path
 from calib.io.yaml_reader import read_yaml
 from calib.rig.layout import RigLayout
 from calib.rig.rig_content import FoundEffect, RejectedView, RigContent, RigRecord
@@ -99,6 +100,11 @@ def read_rig_content(path: str | FilePath) -> RigContent:
     if not find_current(file).is_file():
         raise InputError(f"{file} does not exist: give the folder that calib rig fit wrote.")
     document = read_yaml(find_current(file))
+    if "together" in document:
+        raise InputError(
+            f"{file} describes a rig and is no calibration: calib rig fit {shell_path(file)} makes"
+            " one."
+        )
     if document.get("format") != FORMAT:
         version = brief(repr(document.get("format")))
         raise InputError(

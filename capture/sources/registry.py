@@ -184,7 +184,7 @@ def _unknown(context: str, name: str, text: str) -> str:
     hint = (
         f" (did you mean {close}?)"
         if close
-        else " (did you mean v4l2?)"
+        else f" (did you mean v4l2:{brief(text)}?)"
         if text.startswith("/dev/video")
         else ""
     )

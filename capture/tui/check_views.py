@@ -50,7 +50,7 @@ class CheckViewsScreen(CollectScreen):
         """
         super().__init__(task)
         self._boards = boards
-        self._depth = depth
+        self._map_depth = depth
         self._calibration = calibration
 
     def step(self) -> str:
@@ -102,7 +102,7 @@ class CheckViewsScreen(CollectScreen):
     def action_fit(self) -> None:
         self.stop_recording()
         self.app.switch_screen(
-            CheckScreen(self._calibration, self.plan.folder, self._depth, self._boards)
+            CheckScreen(self._calibration, self.plan.folder, self._map_depth, self._boards)
         )
 
     def action_not_yet(self) -> None:

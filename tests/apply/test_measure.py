@@ -443,6 +443,8 @@ def test_pixels_that_no_ray_leaves_have_their_reason(calibration: Calibration) -
         ("x,y\n1,a\n", "entry 1: x, y are not all numbers"),
         ("x,y\n1,2\n3\n", "entry 2: x, y are not all numbers"),
         ("u,v\n1,2\n", "has no column x"),
+        ("x;y\n1;2\n", "has semicolons between its columns: write commas"),
+        ("x\ty\n1\t2\n", "has tabs between its columns: write commas"),
     ],
 )
 def test_points_files_get_their_sentence(tmp_path: Path, text: str, says: str) -> None:

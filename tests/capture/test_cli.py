@@ -332,6 +332,16 @@ def test_help_is_quick() -> None:
         ),
         (["{}/new", "--source", "camera", *BOARD_FLAGS], 2, "names no kind of source"),
         (
+            ["{}/new", "--source", "/dev/video99", *BOARD_FLAGS],
+            2,
+            "(did you mean v4l2:/dev/video99?)",
+        ),
+        (
+            ["{}/other", "--source", "folder:{}/source", "--cover-from", "{}/flat"],
+            2,
+            "describes another cover than --cover-from's",
+        ),
+        (
             ["{}/new", "--source", "v4l2:{}/none", *BOARD_FLAGS],
             4,
             "none is not there: plug the camera in",
@@ -410,6 +420,8 @@ def test_a_source_that_cannot_be_recorded_gets_one_sentence(
     described = (FIXTURE / "session.yaml").read_text()
     (tmp_path / "other" / "session.yaml").write_text(described)
     (tmp_path / "flat.yaml").write_text(described.replace("thickness_mm: 3.0", "thickness_mm: 2.0"))
+    (tmp_path / "flat").mkdir()
+    shutil.copy(tmp_path / "flat.yaml", tmp_path / "flat" / "session.yaml")
     assert main(["record", *(argument.format(tmp_path) for argument in arguments)]) == code
     out, err = capfd.readouterr()
     assert out == ""
@@ -446,6 +458,11 @@ def test_capture_without_arguments_asks_for_a_folder(capsys: pytest.CaptureFixtu
     assert capsys.readouterr().err.startswith(
         "capture: error: name a folder, which is made if need be: capture SESSION"
     )
+
+
+def test_a_misspelt_command_is_no_session(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["recrd", "cam0"]) == 2
+    assert "recrd is not a command: did you mean record?" in capsys.readouterr().err
 
 
 def test_the_screen_needs_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -326,7 +326,9 @@ def test_undistort_refuses_existing_outputs_and_pictures_of_another_size(
     cv2.imwrite(str(picture), np.zeros((48, 64), np.uint8))
     (tmp_path / "loop.png").symlink_to(tmp_path / "loop.png")
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    twice = [str(picture), str(picture), "-o", str(tmp_path / "out")]
     for arguments, says in (
+        (twice, "is 64x48 px where the calibration is for 3280x2464"),
         ([str(picture), "-o", str(tmp_path)], "would be overwritten"),
         (
             [str(picture), "-o", str(tmp_path / "out")],

@@ -5,6 +5,7 @@ import os
 import re
 import shlex
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -392,6 +393,16 @@ def test_pictures_in_a_folder_that_cannot_be_written_become_a_session_of_the_out
         (["phone"], "IMG_1.HEIC: convert them, such as by mogrify -format png phone/*.HEIC"),
         (["card"], "(card/100, card/101), such as calib fit card/100 --board 9x6 --square-mm 25"),
         (["none/*.jpg"], "No picture matches none/*.jpg"),
+        (
+            ["https://a.org/film.mp4"],
+            "film.mp4 is an address: download the file",
+        ),
+        (["pair"], "it is a rig, which calib rig fit pair calibrates"),
+        (["pair/rig.yaml"], "describes a rig: calib rig fit pair/rig.yaml calibrates"),
+        (["other name", *BOARD], "other name/Session.yml is not read under that name"),
+        (["my photos", "--board", "7x6", "--square-mm", "2.5cm"], "write 25, in millimetres"),
+        (["my photos", *BOARD, "--depth", "50cm"], "'50cm' is not a depth: write 0.5, in metres"),
+        (["my photos", *BOARD, "--grid", "8x8", "9"], "9 is too much: the option in front"),
         (["text.txt", *BOARD], "text.txt is neither a picture nor a video"),
         (["text.avi", *BOARD], "text.avi is not a video that can be read"),
         (["text.avi", "my photos"], "calib fit text.avi --board 9x6 --square-mm 25"),
@@ -427,10 +438,15 @@ def test_a_refusal_names_what_would_do(
     Path("films/a.mp4").touch()
     for name in ("text.txt", "text.avi"):
         Path(name).write_text("text")
+    shutil.copytree(photos, "other name")
+    Path("other name/Session.yml").touch()
+    Path("pair").mkdir()
+    Path("pair/rig.yaml").touch()
     shutil.copy(film, "taken.avi")
     Path("taken").mkdir()
     Path("taken/thesis.tex").write_text("mine")
-    assert main(["fit", *words]) == 2
+    with suppress(SystemExit):  # argparse has printed the sentence
+        assert main(["fit", *words]) == 2
     assert says in " ".join(capsys.readouterr().err.split())
     assert Path("taken/thesis.tex").read_text() == "mine"
 

@@ -301,6 +301,12 @@ def test_contradicting_pictures_are_not_enough_to_judge_a_rig(
     assert printed.startswith("These pictures do not show whether the rig is valid.")
 
 
+def test_the_description_of_a_rig_is_no_calibration(pair: SimulatedRig, tmp_path: Path) -> None:
+    file = pair.write(tmp_path)
+    with pytest.raises(InputError, match=r"describes a rig and is no calibration: calib rig fit "):
+        Rig.load(file)
+
+
 def test_what_cannot_be_checked_gets_a_sentence(
     pair: SimulatedRig, fitted: Rig, tmp_path: Path
 ) -> None:
