@@ -7,16 +7,19 @@ from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from calib.commands.program import runnable_command
-from calib.errors import harmless
+from calib.errors import InputError, harmless
 from calib.fitting.supported_depths import doubtful_depths
 from calib.io.arrays import decode_npz
 from calib.io.images import frames_folder, list_images
 from calib.io.numerals import counted
 from calib.io.shell import shell_line
+from calib.session.lens import OPENCV
 from calib.verdict.verdict import Trust
+from capture.session_file import read_calibrated
 
 CALIBRATION = "calibration.yaml"
 ARRAYS = "calibration.npz"
@@ -37,15 +40,20 @@ def calibration_folder(session: Path) -> Path | None:
 
 def propose_depth(folder: Path) -> float:
     """Return the depth, m, that is proposed for the maps of a folder's calibration: the median of
-    its boards, which they support. DEPTH where there are none.
+    its boards' corners, as `calib fit` proposes it. DEPTH where there are none. Nothing slow is
+    imported for it.
     """
     try:
-        poses = decode_npz((folder / ARRAYS).read_bytes())["poses"]
-        depths = np.asarray(poses, float).reshape(-1, 6)[:, 5]
-    except (OSError, ValueError, KeyError):  # reading the calibration says what is wrong
+        board, camera, _ = read_calibrated(folder / CALIBRATION)
+        arrays = decode_npz((folder / ARRAYS).read_bytes())
+        turns = [cv2.Rodrigues(pose[:3])[0][:, :2] for pose in arrays["poses"]]
+        places = board.points() @ np.swapaxes(turns, 1, 2) + arrays["poses"][:, None, 3:]
+        visible = places[np.isfinite(arrays["corners"][..., 0])]
+    except (InputError, OSError, ValueError, KeyError, IndexError):  # loading it says what is wrong
         return DEPTH
-    ahead = depths[depths > 0]
-    return float(f"{np.median(ahead):.2g}") if ahead.size else DEPTH
+    is_wide = camera.intrinsics is not None and camera.intrinsics.model != OPENCV
+    distance = np.linalg.norm(visible, axis=1) if is_wide else visible[:, 2]
+    return float(f"{np.median(distance):.2g}") if distance.size else DEPTH
 
 
 def updated_folder(folder: Path) -> Path | None:

@@ -7,7 +7,6 @@ from calib.progress import Progress
 from capture.tui.child import LOADING, MOVE_IT
 
 if TYPE_CHECKING:
-    from calib.apply.map_uncertainty import map_sigmas
     from calib.calibration import Calibration
 
 
@@ -59,6 +58,7 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
     """Return the data that the results screen shows."""
     from torch import from_numpy
 
+    from calib.apply.map_uncertainty import map_sigmas
     from calib.estimation.residuals import residuals
     from calib.fitting.cover_section import cover_section
     from calib.fitting.description import describe

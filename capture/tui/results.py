@@ -258,6 +258,8 @@ class ResultsScreen(Page):
     @property
     def _depth(self) -> float:
         """m, the proposed depth of maps."""
+        if depths := [float(entry["depth_m"]) for entry in self.result["sigma_px"]]:
+            return depths[len(depths) // 2]  # the median of the corners
         return propose_depth(Path(self.result["calibration"]).parent)
 
     @property
