@@ -34,7 +34,7 @@ from calib.fitting.view_noise import describe_noisy_views
 from calib.io.numerals import counted
 from calib.progress import Advance
 from calib.session.lens import NAMES
-from calib.table import board_error, change
+from calib.table import board_error
 from calib.verdict.thresholds import NO_BETTER
 from calib.verdict.uncertainty import reached_depths
 
@@ -118,18 +118,14 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
 
 
 def _stages(stages: Sequence[Stage]) -> Table:
-    """Return the table of the errors after each stage, against the first if there are several."""
-    compared = ("against the camera alone",) if len(stages) > 1 else ()
-    fell = bool(compared) and stages[-1].rms_px < stages[0].rms_px
+    """Return the table of the errors after each stage."""
+    fell = stages[-1].rms_px < stages[0].rms_px
     title = "How the error fell (root mean square)" if fell else "Error (root mean square)"
-    table = Table("stage", "reprojection error", "on the board", *compared, title=title)
+    table = Table("stage", "reprojection error", "on the board", title=title)
     for column in table.columns[1:]:
         column.justify = "right"
     for stage in stages:
-        cells = [stage.title, f"{stage.rms_px:.3f} px", board_error(stage.rmse_cm)]
-        if compared:
-            cells.append("" if stage is stages[0] else change(stage.rms_px, stages[0].rms_px))
-        table.add_row(*cells)
+        table.add_row(stage.title, f"{stage.rms_px:.3f} px", board_error(stage.rmse_cm))
     return table
 
 
@@ -216,7 +212,7 @@ def print_evaluation(evaluation: Evaluation, fitted_px: float | None, *, wide: b
     table = Table(
         "distance" if wide else "depth",
         "corners",
-        "reprojection error",
+        "reprojection",
         "on the board",
         title=f"Error on {kind} views (root mean square)",
     )

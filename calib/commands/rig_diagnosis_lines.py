@@ -16,7 +16,7 @@ LOG_ODDS = "Log odds: 0 is as probable as no cause; each 2.3 more is ten times a
 
 
 def print_rig_diagnosis(diagnosis: RigDiagnosis) -> None:
-    """Print what was found, the errors before and after, all candidates and the remarks."""
+    """Print what was found, the errors without and with it, all candidates and the remarks."""
     console = Console(markup=False, highlight=False, soft_wrap=True)
     if diagnosis.found:
         console.print(f"Found: {', '.join(diagnosis.accepted)}", style="bold")
@@ -39,11 +39,12 @@ def diagnosis_lines(diagnosis: RigDiagnosis) -> Iterator[str]:
 
 
 def _errors(diagnosis: RigDiagnosis) -> Table:
-    title = "Before and after (root mean square, one pose of the board for all cameras)"
+    title = "Error (root mean square, one pose of the board for all cameras)"
     table = Table("", "fitted placements", "held-out placements", title=title)
     for column in table.columns[1:]:
         column.justify = "right"
-    for name, quality in (("before", diagnosis.before), ("after", diagnosis.after)):
+    rows = (("without effects", diagnosis.before), ("with effects", diagnosis.after))
+    for name, quality in rows:
         table.add_row(name, f"{quality.rms_px:.3f} px", f"{quality.held_out_px:.3f} px")
     return table
 

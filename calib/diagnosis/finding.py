@@ -8,7 +8,7 @@ from html import escape
 from typing import Any
 
 from calib.diagnosis.printed_patterns import ClosedForm
-from calib.fit_record.history import Family, Quality
+from calib.fit_record.history import Family, Quality, fit_names
 from calib.fitting.declared import PREFIXES
 from calib.fitting.differing import Differing
 from calib.fitting.evaluate import Evaluation
@@ -158,7 +158,11 @@ class Diagnosis:
         """Return the errors before and after, and the accepted effects, as a table."""
         errors = tuple(
             (name, f"{quality.rms_px:.3f} px", f"{quality.held_out_px:.3f} px", "")
-            for name, quality in (("before", self.base_quality), ("after", self.final_quality))
+            for name, quality in zip(
+                fit_names(had_effects=bool(self.earlier)),
+                (self.base_quality, self.final_quality),
+                strict=True,
+            )
         )
         effects = tuple(
             (

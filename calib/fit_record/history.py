@@ -112,6 +112,16 @@ class Quality:
     held_out_px: float
 
 
+def fit_names(*, had_effects: bool) -> tuple[str, str]:
+    """Return the names of the two fits that a diagnosis compares: where it starts, and its result.
+
+    Args:
+        had_effects: True if the calibration had effects of an earlier diagnosis. Else the diagnosis
+            starts from a plain fit, which has a flat board and no effect.
+    """
+    return "earlier effects" if had_effects else "plain fit", "with effects"
+
+
 @dataclass(frozen=True, slots=True)
 class DiagnosisRecord:
     """The last diagnosis."""

@@ -43,10 +43,10 @@ def diagnosis_comparison(before: Calibration | None, after: Evidence) -> Drawing
     scales = ArrowScales.of(earlier, typical_length(over_image, over_board))
     return Drawing(
         "comparison",
-        "Residuals of the first fit, and with the effects",
+        "Residuals of the given fit, and with effects",
         "Mean residuals over the picture and over the board, and the distribution of all residuals:"
-        " of the first fit, which has the board's bend if it found one, and with the effects that"
-        " the diagnosis found, at the same scales."
+        " of the fit that calib diagnose was given, and with the effects that it found, at the same"
+        " scales."
         f" {scales.caption} Last: the error of each view; below the diagonal it became smaller.",
         {
             "before": _side(earlier, over_image, over_board),

@@ -1,4 +1,4 @@
-"""The section of a report on a diagnosis: the errors before and after, the effects that it added,
+"""The section of a report on a diagnosis: the errors without and with the effects that it added,
 and those that the views do not tell from them.
 """
 
@@ -9,7 +9,7 @@ from html import escape
 from calib.calibration import Calibration
 from calib.diagnosis.effect_description import describe_estimates
 from calib.effects.description import describe_effect
-from calib.fit_record.history import DiagnosisRecord
+from calib.fit_record.history import DiagnosisRecord, fit_names
 from calib.report.tables import bar
 from calib.table import board_error, change, html_table
 
@@ -68,7 +68,7 @@ def effects_html(rows: Sequence[EffectRow], calibration: Calibration) -> str:
         )
         for row in rows
     ]
-    head = ("effect", "", "held out before", "held out after", "change", "estimate")
+    head = ("effect", "", "held out without", "held out with it", "change", "estimate")
     return (
         _errors_html(diagnosis)
         + "<h3>Effects found</h3>"
@@ -125,8 +125,7 @@ def _errors_html(diagnosis: DiagnosisRecord) -> str:
 def _error_rows(diagnosis: DiagnosisRecord) -> Iterator[tuple[str, ...]]:
     first = diagnosis.qualities[0]
     largest = max(max(errors.rms_px, errors.held_out_px) for errors in diagnosis.qualities)
-    first_name = "before" if diagnosis.had_effects else "before, with a flat board"
-    names = (first_name, "after, with those found")
+    names = fit_names(had_effects=diagnosis.had_effects)
     for name, errors in zip(names, diagnosis.qualities, strict=True):
         fallen = f" ({change(errors.held_out_px, first.held_out_px)})" if errors != first else ""
         yield (

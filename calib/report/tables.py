@@ -4,7 +4,7 @@ from html import escape
 
 from calib.fitting.description import describe
 from calib.report.evidence import Evidence
-from calib.table import board_error, change, html_table
+from calib.table import board_error, html_table
 
 MEANING = {
     "pinhole": "the camera alone, with its lens",
@@ -32,14 +32,10 @@ def stages_html(evidence: Evidence) -> str:
             escape(MEANING.get(stage.name, "")),
             f"{bar(stage.rms_px, largest)} {stage.rms_px:.3f} px",
             board_error(stage.rmse_cm),
-            change(stage.rms_px, stages[0].rms_px) if stage is not stages[0] else "",
         )
         for stage in stages
     ]
-    head = ("stage", "", "reprojection error (RMS)", "on the board")
-    if len(stages) > 1:
-        return html_table((*head, "against the camera alone"), rows)
-    return html_table(head, [row[: len(head)] for row in rows])
+    return html_table(("stage", "", "reprojection error (RMS)", "on the board"), rows)
 
 
 def parameters_html(evidence: Evidence) -> str:

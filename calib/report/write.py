@@ -116,7 +116,7 @@ def _sections(
     compared = [figure for figure in figures if figure.name == "comparison"]
     diagnosis_html = effects_html(effects, evidence.calibration)
     diagnosed = (
-        [PageSection("effects", "The diagnosis, before and after", diagnosis_html)]
+        [PageSection("effects", "What the diagnosis found", diagnosis_html)]
         if diagnosis_html
         else []
     )

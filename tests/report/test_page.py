@@ -330,8 +330,8 @@ def test_what_the_views_do_not_tell_apart_is_named(
     words = text(report_in(tmp_path, diagnosed, effects=[row]).read_text())
     assert f"Note: {FAMILY.note}" in words
     assert str(FAMILY) in words
-    assert "before, with a flat board 0.500 px1.000 mm 0.600 px" in words
-    assert "after, with those found 0.100 px0.200 mm 0.150 px (-75 %)" in words
+    assert "plain fit 0.500 px1.000 mm 0.600 px" in words
+    assert "with effects 0.100 px0.200 mm 0.150 px (-75 %)" in words
     assert judge(diagnosed).notes == (
         "board_shape (87 %) is the most likely cause; it may be rolling_shutter (13 %) as well.",
     )

@@ -46,10 +46,10 @@ function addArrowPanels(host, {image, board}, scales, span, when = "") {
   });
 }
 
-/** Draw the residuals of the first fit and those after a diagnosis, at the same scales. */
+/** Draw the residuals of the given fit and those after a diagnosis, at the same scales. */
 function drawComparison(host, {before, after, scales, span}) {
   const errorsOf = side => Array.from(numbers(side.errors)), limit = histogramLimit(errorsOf(before));
-  for (const [when, side] of [["first fit", before], ["with the effects", after]]) {
+  for (const [when, side] of [["given fit", before], ["with effects", after]]) {
     addArrowPanels(host, side, scales, span, `${when}, `);
     addPanel(host, {
       title: `${when}: ${digits(side.rms)} px`, label: "histogram of the residuals",
@@ -66,7 +66,7 @@ function drawComparison(host, {before, after, scales, span}) {
         dots(points, ({view}) => viewColour(view), 7, 0.9),
         tip(points, ({view, x, y}) => `${nameOf(view)}\n${digits(x)} px first, ${digits(y)} px with the effects`),
       ]);
-      return {...options, x: {...options.x, domain: [0, most], label: "first fit (px)"}, y: {...options.y, domain: [0, most], label: "with the effects (px)"}};
+      return {...options, x: {...options.x, domain: [0, most], label: "given fit (px)"}, y: {...options.y, domain: [0, most], label: "with effects (px)"}};
     },
   });
 }
