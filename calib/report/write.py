@@ -125,7 +125,7 @@ def _sections(
     return [
         *diagnosed,
         *compared,
-        *([PageSection("straight", "Before and after undistortion", straight)] if straight else []),
+        *([PageSection("straight", "As taken and undistorted", straight)] if straight else []),
         PageSection("stages", "The error after each stage", stages_html(evidence)),
         PageSection("numbers", "Camera and cover", parameters_html(evidence)),
         *results,

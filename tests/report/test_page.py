@@ -111,7 +111,7 @@ def test_everything_is_in_one_small_file(reported: Reported) -> None:
     assert len(links) > 50
     assert {link[:5] if link.startswith("data:") else link[:1] for link in links} <= {"data:", "#"}
     assert len(reported.calibration.views) == 45
-    assert html.count("<img") == 45 + 2, "a thumbnail of each, and one before and after"
+    assert html.count("<img") == 45 + 4, "a thumbnail of each, a picture and a strip of it twice"
     assert reported.path.stat().st_size < 1.5e6
 
 

@@ -1,5 +1,5 @@
-"""The picture before and after: straight lines in space, through a known cover and undistorted
-again.
+"""The picture as taken and undistorted: straight lines in space, through a known cover and
+undistorted again.
 """
 
 import re
@@ -15,8 +15,10 @@ from calib.calibration_content import AddedEffect
 from calib.effects.board_shape import BoardShape
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
-from calib.report.evidence import gather_evidence
-from calib.report.straight import lines_across, straight_html
+from calib.report import strip
+from calib.report.board_lines import BoardLine, board_lines
+from calib.report.evidence import Evidence, gather_evidence
+from calib.report.straight import Frame, straight_html
 from tests.report.conftest import Reported
 
 Lines = list[np.ndarray]
@@ -28,29 +30,43 @@ def paths(html: str, kind: str) -> list[Lines]:
     return [
         [np.array([at.split() for at in line.split("L")], float) for line in path.split("M")[1:]]
         for path in outlines
+        if "L" in path
     ]
 
 
-def most_bent(lines: Lines) -> float:
-    """px from the chord between the ends."""
-    worst = []
-    for line in lines:
-        direction = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
-        worst.append(np.abs((line - line[0]) @ [-direction[1], direction[0]]).max())
-    return float(max(worst))
+def most_bent(evidence: Evidence) -> BoardLine:
+    lines = [
+        line
+        for view in range(len(evidence.calibration.views))
+        for line in board_lines(evidence, view)
+    ]
+    return max(lines, key=lambda line: line.bend)
 
 
-def test_lines_that_bend_become_straight(reported: Reported) -> None:
+def test_straight_lines_lie_along_the_rows_of_both_pictures(reported: Reported) -> None:
     """And the pictures are in the page, small."""
     html = straight_html(gather_evidence(reported.calibration), reported.session)
-    bent, straight = paths(html, "bent")
-    assert len(bent) == len(straight) == 18, "nine rows and nine columns"
-    assert most_bent(bent) > 50, "of 3280 px: to be seen"
-    assert most_bent(straight) < 0.2, "places are written to a tenth of a pixel"
-    assert re.findall(r'aria-label="([^:"]+)', html) == ["As taken", "Undistorted"]
-    assert len(re.findall(r"data:image/jpeg", html)) == 2
+    panels = paths(html, "straight")
+    assert [len(lines) for lines in panels] == [18, 18], "nine rows and nine columns"
+    labels = re.findall(r'aria-label="([^:"]+)', html)
+    assert labels == ["As taken", "Undistorted", "As taken", "Undistorted"]
+    assert len(re.findall(r"data:image/jpeg", html)) == 4
     assert "Stripes: what the camera does not see." in html
     assert len(html) < 300_000
+
+
+def test_both_pictures_have_the_same_scale_in_the_middle(small_calibration: Calibration) -> None:
+    evidence = gather_evidence(small_calibration)
+    frame = Frame.of(evidence, 0.5)
+    middle = frame.middle
+    steps = 100.0 * np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1]])
+    drawn = frame.place(evidence.field.undistort_pixels(middle + steps, 0.5))
+    assert np.abs(drawn[0] - middle).max() < 1e-6
+    width, height = np.linalg.norm([drawn[2] - drawn[1], drawn[4] - drawn[3]], axis=-1)
+    assert np.sqrt(width * height) == pytest.approx(200, rel=2e-3)
+    window = frame.window(820, 616, np.array([4.0, 4.0]))
+    corner = np.array(window.corner) + np.array(window.zoom) * [100, 50]
+    assert frame.place(corner[None])[0] == pytest.approx([401.5, 201.5])
 
 
 def test_lines_are_where_the_model_sees_straight_lines_of_the_board(
@@ -62,10 +78,10 @@ def test_lines_are_where_the_model_sees_straight_lines_of_the_board(
     evidence = gather_evidence(small_calibration)
     turn, at = cv2.Rodrigues(small_calibration.poses[0, :3])[0], small_calibration.poses[0, 3:]
     lattice = small_calibration.board.points().reshape(9, 9, 2)
-    lines = list(lines_across(evidence, 0))
+    lines = list(board_lines(evidence, 0))
     assert len(lines) == 18
     for line, true_line in zip(lines, (*lattice, *lattice.swapaxes(0, 1)), strict=True):
-        reach = np.linspace(-8, 8, 401)[:, None] * (true_line[-1] - true_line[0]) + true_line[0]
+        reach = np.linspace(-0.1, 1.1, 401)[:, None] * (true_line[-1] - true_line[0]) + true_line[0]
         pixels = small_calibration.project(
             np.column_stack([reach, np.zeros(len(reach))]) @ turn.T + at
         )
@@ -76,22 +92,64 @@ def test_lines_are_where_the_model_sees_straight_lines_of_the_board(
             assert abs((point - first) @ [-step[1], step[0]]) < 0.02, (
                 "the field's splines keep 0.002 px"
             )
-        assert np.ptp(line.distorted, 0).max() > 1500, "across the picture"
+        ends = small_calibration.project(
+            np.column_stack([true_line[[0, -1]], np.zeros(2)]) @ turn.T + at
+        )
+        assert line.distorted[[0, -1]] == pytest.approx(ends, abs=0.02)
 
 
 def test_the_drawn_bend_is_the_real_one_times_the_stated_factor(
     small_calibration: Calibration,
 ) -> None:
     html = straight_html(gather_evidence(small_calibration), None)
-    match = re.search(r"bend by up to ([\d.]+) px.*enlarged (\d+) times", html)
+    match = re.search(r"the row bends by ([\d.]+) px.*enlarged (\d+) times", html)
     assert match
     bend, factor = float(match[1]), int(match[2])
-    (bent, _), (straight, _) = paths(html, "bent"), paths(html, "straight")
-    worst = 0.0
-    for drawn, ends in zip(bent, straight, strict=True):
-        direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-        worst = max(worst, float(np.abs((drawn - ends[0]) @ [-direction[1], direction[0]]).max()))
-    assert worst == pytest.approx(factor * bend, rel=0.05), "the bend is said with two digits"
+    (taken,), (undistorted,) = paths(html, "bent")
+    middle = strip.HEIGHT / 2 - 0.5
+    length = np.ptp(taken[:, 0])
+    evidence = gather_evidence(small_calibration)
+    chords = [
+        float(np.linalg.norm(line.distorted[-1] - line.distorted[0]))
+        for view in range(len(small_calibration.views))
+        for line in board_lines(evidence, view)
+        if line.bend == pytest.approx(bend, rel=0.05)
+    ]
+    drawn = float(np.abs(taken[:, 1] - middle).max()) / factor
+    assert any(drawn * chord / length == pytest.approx(bend, rel=0.06) for chord in chords)
+    assert np.abs(undistorted[:, 1] - middle).max() < 0.2, "written to a tenth of a pixel"
+
+
+def test_an_edge_along_a_row_is_straight_in_the_undistorted_strip(
+    small_calibration: Calibration,
+) -> None:
+    """The picture is bright on one side of the row, as the model sees it, and dark on the other."""
+    evidence = gather_evidence(small_calibration)
+    line = most_bent(evidence)
+    camera = small_calibration.camera
+    start, chord = line.distorted[0], line.distorted[-1] - line.distorted[0]
+    offset = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1) - start
+    steps = offset @ chord / (chord @ chord)
+    normal = np.array([-chord[1], chord[0]]) / np.linalg.norm(chord)
+    shape = line.distorted - start
+    bent = np.interp(steps, shape @ chord / (chord @ chord), shape @ normal)
+    picture = np.clip(np.round(120 - 40 * (offset @ normal - bent)), 40, 200).astype(np.uint8)
+
+    factor = strip._factor(line.bend * strip.Strip(start, chord, 1).scale)
+    taken = strip.Strip(start, chord, factor)
+    straight = strip.Strip(line.undistorted[0], line.undistorted[-1] - line.undistorted[0], factor)
+    bends = []
+    for kind, places in (
+        (taken, strip._as_taken(line, taken)),
+        (straight, strip._undistorted(evidence, line, straight)),
+    ):
+        x, y = np.moveaxis(places[:, 40:-40].astype(np.float32), -1, 0)
+        grey = cv2.remap(picture, x, y, cv2.INTER_LINEAR)
+        border = (grey > 120).sum(0) - strip.HEIGHT / 2
+        bends.append(np.abs(border).max() / (kind.factor * kind.scale))
+    assert line.bend > 0.3
+    assert bends[0] == pytest.approx(line.bend, abs=0.05), "px of the picture"
+    assert bends[1] < 0.05
 
 
 def test_corners_lie_on_their_lines(small_calibration: Calibration) -> None:
