@@ -296,6 +296,8 @@ def sized(block: str) -> str:
     tabular = [
         place for place, line in enumerate(lines) if TABULAR.search(line) and len(line) <= MOST
     ]
+    if len(tabular) < 2:  # one line with wide gaps is no table, and may wrap
+        tabular = []
     columns = max(FEWEST, *(len(lines[place]) for place in tabular), 0)
     if tabular and "</code>" in block:
         block = with_sentences(block, tabular[-1] + 1)

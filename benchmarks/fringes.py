@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from rich.console import Console
 from rich.table import Table
 
-from calib.fringes.decode import PixelReason, decode_fringes, screen_points
+from calib.fringes.decode import decode_fringes, screen_points
 from calib.fringes.pattern import FringePlan, Screen, Unwrapping
 from fixtures.screen import ScreenCamera, place_errors
 
@@ -52,18 +52,20 @@ CASES = (
 
 
 def main() -> None:
-    table = Table("case", "pictures", "decoded", "error, px", "predicted", "ratio")
+    columns = ("case", "pictures", "error", "predicted", "ratio")
+    table = Table(*columns, title="Errors in px", box=None, padding=(0, 1, 0, 0))
     for case in CASES:
         frames = case.camera.photograph(SCREEN, case.plan.draw())
         decoded = decode_fringes(frames, case.plan)
         points = screen_points(decoded)
-        share = decoded.counts()[PixelReason.DECODED] / decoded.reason.size
-        row = [case.words, str(case.plan.count), f"{100 * share:.0f} %"]
+        row = [case.words, str(case.plan.count)]
         if len(points.pixels):
             errors = place_errors(points, case.camera, SCREEN)
             row += [f"{errors.rms_px:.4f}", f"{errors.sigma_px:.4f}", f"{errors.deviation:.2f}"]
+        else:
+            row.append("no point")
         table.add_row(*row)
-    Console(width=84).print(table)
+    Console(width=80).print(table)
 
 
 if __name__ == "__main__":

@@ -33,7 +33,8 @@ NEAR = 40.0
 def main() -> None:
     depths = ", ".join(f"{depth:g}" for depth in DEPTHS)
     title = f"Maps at {depths} m, thousandths of a pixel"
-    table = Table("views", "seconds", "covered", "error", "predicted", title=title)
+    columns = ("views", "time", "area", "error", "predicted")
+    table = Table(*columns, title=title, box=None, padding=(0, 1, 0, 0))
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         boards = shutil.copytree(

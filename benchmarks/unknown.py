@@ -62,7 +62,7 @@ CASES: Mapping[str, Sequence[tuple[str, ...]]] = {
     ),
     "cone": ((), ("inner_radius_mm",), ("radius_slope",), ("axis_offset_mm",), (ALL,)),
 }
-DECIMALS = {"radius_slope": 4}
+DECIMALS = {"radius_slope": 3}
 """The decimals that are printed of a number, where two do not show its sigma."""
 PER_SI = {"_mm": 1e3, "_deg": np.rad2deg(1)}
 
@@ -75,8 +75,8 @@ def main() -> None:
     if "--media" in sys.argv[1:]:
         print_media()
         return
-    print(f"{'':<49}maps, px")
-    print(f"{'not known':<22}{'true':>8}  {'found':<17} error  sigma   verdict")
+    print(f"{'':<40}maps, px")
+    print(f"{'not known':<17}{'true':>7} {'found':<14} error sigma verdict")
     for shape, cases in CASES.items():
         print("a window" if shape == "flat" else f"a {shape}")
         for unknown in cases:
@@ -119,10 +119,10 @@ def lines(shape: str, unknown: tuple[str, ...]) -> list[str]:
     error = map_error(calibration, source / "truth.npz", NEAR, (DEPTH,))
     word = judge(calibration).word.value
     numbers: Any = calibrated_numbers(calibration)
-    end = f"{error.by_depth[DEPTH]:6.3f} {error.predicted[DEPTH]:6.3f}   {word}"
+    end = f"{error.by_depth[DEPTH]:6.3f}{error.predicted[DEPTH]:6.3f} {word}"
     if unknown in ((), (ALL,), (SHAPE,)):
         result = f"{calibration.cover.shape}" if unknown == (SHAPE,) else ""
-        return [f"  {(unknown or ('nothing',))[0]:<20}{'':>8}  {result:<17}{end}"]
+        return [f" {(unknown or ('nothing',))[0]:<23} {result:<14}{end}"]
     rows = []
     if unknown == (INTRINSICS,):
         with np.load(source / "truth.npz") as truth:
@@ -134,7 +134,7 @@ def lines(shape: str, unknown: tuple[str, ...]) -> list[str]:
             true = GLASS[shape][f"{name}.{component}" if component else name] * per_si
             rows.append((key, true, number))
     return [
-        _number(name, true, number).ljust(49) + (end if place == 0 else "")
+        _number(name, true, number).ljust(39) + (end if place == 0 else "")
         for place, (name, true, number) in enumerate(rows)
     ]
 
@@ -142,7 +142,7 @@ def lines(shape: str, unknown: tuple[str, ...]) -> list[str]:
 def _number(name: str, true: float, number: Mapping[str, float]) -> str:
     decimals = DECIMALS.get(name, 2)
     found = f"{number['value']:.{decimals}f} ± {number['sigma']:.{decimals}f}"
-    return f"  {name:<20}{true:8.{decimals}f}  {found}"
+    return f" {name:<16}{true:7.{decimals}f} {found}"
 
 
 def forget(document: dict[str, Any], unknown: tuple[str, ...]) -> None:

@@ -47,6 +47,11 @@ const pages = location.hash.slice(1).split(","), answers = document.querySelecto
     const wide = [...root.querySelectorAll("pre > code")]
       .filter(code => code.scrollWidth > code.clientWidth + 1)
       .map(code => code.innerText.slice(0, 40).replace(/\\n/g, " "));
+    for (const code of root.querySelectorAll("pre.output > code")) {
+      const size = parseFloat(frame.contentWindow.getComputedStyle(code).fontSize);
+      const start = code.innerText.slice(0, 40).replace(/\\n/g, " ");
+      if (size < 10) wide.push(`letters of ${size.toFixed(1)} px: ${start}`);
+    }
     if (root.documentElement.scrollWidth > 391) wide.push("the page");
     for (const box of root.querySelectorAll(".md-typeset__scrollwrap"))
       if (box.scrollWidth > box.clientWidth + 1)
@@ -57,7 +62,7 @@ const pages = location.hash.slice(1).split(","), answers = document.querySelecto
 })();
 </script>
 """
-"""A page that loads others in a window of a phone, and says what is wider."""
+"""A page that loads others in a window of a phone, and says what is wider or has small letters."""
 BLOCK_COLUMNS = 90
 """Characters that a block of code has room for on GitHub in a wide window, with some to spare."""
 
@@ -294,7 +299,7 @@ def look(address: str) -> str:
 @pytest.mark.slow
 @pytest.mark.skipif(not CHROMIUM, reason="there is no Chromium to look at the pages with")
 def test_no_page_is_wider_than_a_phone(site: Path) -> None:
-    """Nor is a block of code, in a window of 390 px."""
+    """Nor is a block of code, in a window of 390 px, and its letters can be read."""
     pages = sorted(path.relative_to(site).as_posix() for path in site.rglob("*.html"))
     pages = [page for page in pages if not re.match(r"assets|404", page)]
     (site / "phone.html").write_text(PHONE, encoding="utf-8")
