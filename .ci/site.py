@@ -300,7 +300,8 @@ def sized(block: str) -> str:
         tabular = []
     columns = max(FEWEST, *(len(lines[place]) for place in tabular), 0)
     if tabular and "</code>" in block:
-        block = with_sentences(block, tabular[-1] + 1)
+        listed = [i for i, line in enumerate(lines) if line[:1] == " " and len(line) <= columns]
+        block = with_sentences(block, max(*tabular, *listed) + 1)
     return f'<pre class="output" style="--columns: {columns}">{block}</pre>'
 
 

@@ -94,8 +94,8 @@ EXPLANATIONS = {
         " print."
     ),
     "legacy_pattern": (
-        "yes for boards of calib.io, or of OpenCV before 4.6, whose upper left square is white;"
-        " else no."
+        "true for boards of calib.io, or of OpenCV before 4.6, whose upper left square is white;"
+        " else false."
     ),
     "tag_mm": "The side of one tag in millimetres, with its black border.",
     "spacing": "The gap between two tags, in sides of a tag: 0.3 on Kalibr's own.",
