@@ -82,7 +82,9 @@ def add_description(
         help=f"inner corners, columns x rows, or a grid's tags{board_default}",
     )
     board.add_argument("--square-mm", type=millimetres, metavar="MM", help="side of a square")
-    cover = parser.add_argument_group("cover", f"{purpose}; 40+-5 is a number that is known to 5")
+    cover = parser.add_argument_group(
+        "cover", f"{purpose}; 40+-5 is 40 with a sigma (standard deviation) of 5"
+    )
     add_cover(cover)
     camera = parser.add_argument_group("camera")
     add_intrinsics(camera)
