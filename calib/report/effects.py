@@ -18,6 +18,7 @@ HELD_OUT = (
     " weights each corner by its noise, and the first table does not."
 )
 
+PLAIN_FIT = "Plain fit: this model with a flat board and no effect."
 NOTHING = (
     "calib diagnose found nothing: no effect that it knows improves held-out views beyond chance."
 )
@@ -119,7 +120,8 @@ def _errors_html(diagnosis: DiagnosisRecord) -> str:
     if len(diagnosis.qualities) < 2:
         return ""
     head = ("error (root mean square)", "fitted views", "on the board", "held-out views")
-    return html_table(head, list(_error_rows(diagnosis)))
+    note = "" if diagnosis.had_effects else f"<p>{PLAIN_FIT}</p>"
+    return html_table(head, list(_error_rows(diagnosis))) + note
 
 
 def _error_rows(diagnosis: DiagnosisRecord) -> Iterator[tuple[str, ...]]:
