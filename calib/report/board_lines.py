@@ -60,7 +60,7 @@ def distance_to_fit(points: Array, line: Array) -> Array:
     return np.asarray((points - middle) @ normal)
 
 
-def board_lines(evidence: Evidence, view: int) -> Iterator[BoardLine]:
+def grid_lines(evidence: Evidence, view: int) -> Iterator[BoardLine]:
     """Yield the rows and columns of a view's board that the camera sees from end to end."""
     board = evidence.calibration.board
     pose = evidence.calibration.poses[view, :6]

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calib.report.board_lines import BoardLine, board_lines, distance_to_fit
+from calib.report.board_lines import BoardLine, distance_to_fit, grid_lines
 from calib.report.evidence import Array, Evidence
 from calib.report.pictures import data_url, picture_of, read_small
 from calib.report.strip import strips_html
@@ -37,7 +37,7 @@ measured.
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class DrawnFrame:
     """The part of the undistorted image that is drawn: its middle has the place and the scale that
     it has in the picture as taken.
     """
@@ -50,17 +50,17 @@ class Frame:
     """px of the picture as taken, per undistorted px, in the middle."""
 
     @classmethod
-    def of(cls, evidence: Evidence, depth: float) -> Frame:
+    def of(cls, evidence: Evidence, depth: float) -> DrawnFrame:
         """Return the frame for a depth in m."""
         camera = evidence.calibration.camera
         middle = (np.array([camera.width, camera.height]) - 1) / 2
         steps = CENTRE_STEP * camera.width * np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1]])
-        centre, left, right, up, down = evidence.field.undistort_pixels(middle + steps, depth)
-        lengths = np.linalg.norm([right - left, down - up], axis=-1)
+        points = evidence.field.undistort_pixels(middle + steps, depth)
+        lengths = np.linalg.norm([points[2] - points[1], points[4] - points[3]], axis=-1)
         magnification = 2 * CENTRE_STEP * camera.width / float(np.sqrt(lengths.prod()))
-        if not np.isfinite([*centre, magnification]).all():
+        if not np.isfinite([*points[0], magnification]).all():
             return cls(middle, middle, 1.0)
-        return cls(middle, centre, magnification)
+        return cls(middle, points[0], magnification)
 
     def place(self, undistorted: Array) -> Array:
         """Return the (n, 2) px in the drawn picture of (n, 2) undistorted px."""
@@ -107,7 +107,7 @@ def _most_bent_first(evidence: Evidence) -> list[tuple[int, list[BoardLine]]]:
         view for view, pixels in enumerate(corners) if len(pixels) and evidence.shows(pixels).all()
     ]
     views.sort(key=lambda view: -float(np.prod(np.ptp(corners[view], 0))))
-    lines_by_view = [(view, list(board_lines(evidence, view))) for view in views[:LARGEST_BOARDS]]
+    lines_by_view = [(view, list(grid_lines(evidence, view))) for view in views[:LARGEST_BOARDS]]
     return sorted(
         ((view, lines) for view, lines in lines_by_view if lines),
         key=lambda item: -max(line.bend for line in item[1]),
@@ -129,7 +129,7 @@ def _border_to_border(first: Array, last: Array, size: tuple[int, int]) -> Array
 
 
 def _undistorted_picture(
-    evidence: Evidence, picture: np.ndarray, frame: Frame, depth: float
+    evidence: Evidence, picture: np.ndarray, frame: DrawnFrame, depth: float
 ) -> np.ndarray:
     """Return the shrunk picture as a bare pinhole camera would have taken it, with the scale of the
     frame.
@@ -150,7 +150,7 @@ def _html(
     evidence: Evidence, view: int, lines: Sequence[BoardLine], picture: np.ndarray | None
 ) -> str:
     depth = float(np.median(evidence.depth[evidence.view == view]))
-    frame = Frame.of(evidence, depth)
+    frame = DrawnFrame.of(evidence, depth)
     most_bent = max(lines, key=lambda line: line.bend)
     errors = np.concatenate(
         [distance_to_fit(line.undistorted_corners, line.undistorted) for line in lines]

@@ -15,7 +15,7 @@ from calib.report.pictures import data_url
 WIDTH, HEIGHT = 960, 150
 """px, of a strip."""
 MARGIN = 0.02
-"""How far a strip goes on past the first and the last corner, as a fraction of the line."""
+"""The part of a strip before the first corner and after the last one, in lengths of the line."""
 DRAWN_BEND = 0.3
 """The drawn bend, as a fraction of the strip's height."""
 MAX_FACTOR = 60
@@ -41,7 +41,7 @@ class Strip:
     chord: Array
     """(2,) px, from the first corner to the last one."""
     factor: int
-    """By how much it is enlarged across the line."""
+    """The enlargement across the line."""
 
     @property
     def scale(self) -> float:
@@ -62,8 +62,8 @@ class Strip:
         """Return the (m, n, 2) px of the picture for (n,) fractions of the line and (m,) px across
         it.
         """
-        along = self.start + steps[:, None] * self.chord
-        return np.asarray(along + offsets[:, None, None] * self.normal)
+        line = self.start + steps[:, None] * self.chord
+        return np.asarray(line + offsets[:, None, None] * self.normal)
 
     def place(self, points: Array) -> Array:
         """Return the (n, 2) px of the strip of (n, 2) px of the picture."""

@@ -16,9 +16,9 @@ from calib.effects.board_shape import BoardShape
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.report import strip
-from calib.report.board_lines import BoardLine, board_lines
+from calib.report.board_lines import BoardLine, grid_lines
 from calib.report.evidence import Evidence, gather_evidence
-from calib.report.straight import Frame, straight_html
+from calib.report.straight import DrawnFrame, straight_html
 from tests.report.conftest import Reported
 
 Lines = list[np.ndarray]
@@ -38,7 +38,7 @@ def most_bent(evidence: Evidence) -> BoardLine:
     lines = [
         line
         for view in range(len(evidence.calibration.views))
-        for line in board_lines(evidence, view)
+        for line in grid_lines(evidence, view)
     ]
     return max(lines, key=lambda line: line.bend)
 
@@ -57,7 +57,7 @@ def test_straight_lines_lie_along_the_rows_of_both_pictures(reported: Reported) 
 
 def test_both_pictures_have_the_same_scale_in_the_middle(small_calibration: Calibration) -> None:
     evidence = gather_evidence(small_calibration)
-    frame = Frame.of(evidence, 0.5)
+    frame = DrawnFrame.of(evidence, 0.5)
     middle = frame.middle
     steps = 100.0 * np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1]])
     drawn = frame.place(evidence.field.undistort_pixels(middle + steps, 0.5))
@@ -78,7 +78,7 @@ def test_lines_are_where_the_model_sees_straight_lines_of_the_board(
     evidence = gather_evidence(small_calibration)
     turn, at = cv2.Rodrigues(small_calibration.poses[0, :3])[0], small_calibration.poses[0, 3:]
     lattice = small_calibration.board.points().reshape(9, 9, 2)
-    lines = list(board_lines(evidence, 0))
+    lines = list(grid_lines(evidence, 0))
     assert len(lines) == 18
     for line, true_line in zip(lines, (*lattice, *lattice.swapaxes(0, 1)), strict=True):
         reach = np.linspace(-0.1, 1.1, 401)[:, None] * (true_line[-1] - true_line[0]) + true_line[0]
@@ -112,7 +112,7 @@ def test_the_drawn_bend_is_the_real_one_times_the_stated_factor(
     chords = [
         float(np.linalg.norm(line.distorted[-1] - line.distorted[0]))
         for view in range(len(small_calibration.views))
-        for line in board_lines(evidence, view)
+        for line in grid_lines(evidence, view)
         if line.bend == pytest.approx(bend, rel=0.05)
     ]
     drawn = float(np.abs(taken[:, 1] - middle).max()) / factor
