@@ -160,7 +160,8 @@ def _html(
     if picture is not None:
         width = min(WIDTH, picture.shape[1])
         size = width, round(width * picture.shape[0] / picture.shape[1])
-        small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+        shrunk = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        small = np.asarray(shrunk, np.uint8)
         undistorted = _undistorted_picture(evidence, small, frame, depth)
         urls = [data_url(small, MAX_BYTES), data_url(undistorted, MAX_BYTES)]
     panels = [

@@ -51,7 +51,8 @@ class Strip:
     @property
     def normal(self) -> Array:
         """(2,) the unit vector across the line."""
-        return np.array([-self.chord[1], self.chord[0]]) / np.linalg.norm(self.chord)
+        direction = np.array([-self.chord[1], self.chord[0]])
+        return np.asarray(direction / np.linalg.norm(self.chord))
 
     @property
     def reach(self) -> float:
