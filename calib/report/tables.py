@@ -7,7 +7,7 @@ from calib.report.evidence import Evidence
 from calib.table import board_error, html_table
 
 MEANING = {
-    "pinhole": "the camera alone, with its lens",
+    "pinhole": "the lens, with no cover in the model",
     "cover": "through a smooth cover, its numbers as declared, or as first estimated",
     "cover+rbf": "with the fitted numbers, and with uneven glass if the views show it",
     "cover+rbf+effects": "with the board as the views show it, and with all effects found",
