@@ -233,27 +233,28 @@ def _solve(
     converged rest once they are half of all.
     """
     shape = sum(coefficients, start=u).shape  # a coefficient may differ from point to point
-    u, v, goal_x, goal_y = (t.expand(shape).flatten() for t in (u, v, goal_x, goal_y))
+    goal = torch.stack([goal_x.expand(shape), goal_y.expand(shape)]).flatten(1)
     coefficients = [c.expand(shape).flatten() if c.ndim else c for c in coefficients]
-    solved_u, solved_v, rows = u, v, torch.arange(len(u))
+    solved = torch.stack([u.expand(shape), v.expand(shape)]).flatten(1)
+    point, rows = solved, torch.arange(solved.shape[1])
     for _ in range(NEWTON_STEPS):
-        step_u, step_v, _ = _newton_step(u, v, goal_x, goal_y, coefficients)
+        step = torch.stack(_newton_step(point[0], point[1], goal[0], goal[1], coefficients)[:2])
         # A step from a poor start can end beyond the fold: no step is longer than half of
         # 0.1 plus the point's radius.
-        length = (step_u**2 + step_v**2).sqrt()
-        damped = (0.5 * (0.1 + (u * u + v * v).sqrt()) / length.clamp_min(1e-300)).clamp_max(1.0)
-        u, v = u - damped * step_u, v - damped * step_v
+        length = step.norm(dim=0)
+        damped = (0.5 * (0.1 + point.norm(dim=0)) / length.clamp_min(1e-300)).clamp_max(1.0)
+        point = point - damped * step
         moving = (~(length <= CONVERGED)).nonzero()[:, 0]
-        if 2 * len(moving) > len(u):
+        if 2 * len(moving) > len(rows):
             continue
-        solved_u, solved_v = solved_u.index_copy(0, rows, u), solved_v.index_copy(0, rows, v)
+        solved = solved.index_copy(1, rows, point)
         if not len(moving):
             break
-        rows, u, v, goal_x, goal_y = (row[moving] for row in (rows, u, v, goal_x, goal_y))
+        rows, point, goal = rows[moving], point[:, moving], goal[:, moving]
         coefficients = [c[moving] if c.ndim else c for c in coefficients]
     else:
-        solved_u, solved_v = solved_u.index_copy(0, rows, u), solved_v.index_copy(0, rows, v)
-    return solved_u.reshape(shape), solved_v.reshape(shape)
+        solved = solved.index_copy(1, rows, point)
+    return solved[0].reshape(shape), solved[1].reshape(shape)
 
 
 def _newton_step(
