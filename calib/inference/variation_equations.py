@@ -17,13 +17,14 @@ Sources: N. M. Laird, J. H. Ware, Random-effects models for longitudinal data (1
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_solve_banded, cholesky_banded, lapack, solve_triangular
 
 from calib.estimation.normal_equations import ReducedProducts
 from calib.inference.model_discrepancy import Discrepancy
@@ -37,6 +38,8 @@ MOTIONS = ((1.0, 0.0), (1.0, 0.1), (1.0, 0.3), (1.0, 1.0), (0.3, 1.0), (0.1, 1.0
 """Ratios of the spreads of a board's turn and move, each over its tolerance."""
 ROUNDING = 1e-10
 """The part of a column's information that rounding errors may take."""
+MIN_TRIDIAGONAL = 200
+"""The size of a matrix from which its tridiagonal form is faster than its eigenvectors."""
 MAX_PASSES = 5
 """The largest number of passes over the views that move one view to the other kind."""
 
@@ -236,11 +239,36 @@ class GroupEquations:
         return Variation(self.group, VariationKind.EACH, gain, spread * side, sizes, np.zeros(0))
 
     def _of_each(self, side: Array) -> tuple[float, float, Array]:
+        """Return the largest gain by deviations of each view's own with spreads of these (G,)
+        ratios, their spread, and the (V G,) deviations over the ratios.
+        """
         sides = np.tile(side, self.count)
-        (gain,), (spread,), (deviations,) = self._largest_gains(
-            (sides[:, None] * self.information * sides)[None], (sides * self.score)[None]
-        )
+        places = np.flatnonzero(sides)
+        chosen = sides[places]
+        information = chosen[:, None] * self.information[np.ix_(places, places)] * chosen
+        score = chosen * self.score[places]
+        gain, spread, sizes = self._largest_gain(information, score)
+        deviations = np.zeros(len(sides))
+        deviations[places] = sizes
+        return gain, spread, deviations
+
+    def _largest_gain(self, information: Array, score: Array) -> tuple[float, float, Array]:
+        """Return what `_largest_gains` does for one matrix."""
+        if len(score) >= MIN_TRIDIAGONAL:
+            with suppress(np.linalg.LinAlgError):  # rounding errors may make it indefinite
+                return self._of_many(Tridiagonal.of(information), score)
+        (gain,), (spread,), (deviations,) = self._largest_gains(information[None], score[None])
         return float(gain), float(spread), deviations
+
+    def _of_many(self, information: Tridiagonal, score: Array) -> tuple[float, float, Array]:
+        """Return what `_largest_gains` does for one large matrix."""
+        turned = information.turn(score)
+        solutions = [information.solve(spread**2, turned) for spread in SPREADS]
+        explained = SPREADS**2 * [turned @ solution for solution, _ in solutions]
+        gains = self._gains(np.array([determinant for _, determinant in solutions]), explained)
+        best = int(gains.argmax())
+        deviations = information.turn(-(SPREADS[best] ** 2) * solutions[best][0], back=True)
+        return float(gains[best]), float(SPREADS[best]), deviations
 
     def gain(self, variation: Variation) -> float:
         """Return the gain in log evidence of a variation like this one, of the same kind and
@@ -308,12 +336,56 @@ class GroupEquations:
         variance = SPREADS[:, None] ** 2
         growth = 1 + variance * sizes[:, None]  # (P, spreads, k)
         explained = (variance * projected[:, None] ** 2 / growth).sum(-1)
-        log_ratio = np.log1p(-np.minimum(explained / self.cost, 1 - 1e-12))
-        gains = -(np.log(growth).sum(-1) + self.freedom * log_ratio) / 2
+        gains = self._gains(np.log(growth).sum(-1), explained)
         best = gains.argmax(1)
         squared = variance[best]
         deviations = -np.einsum("pij,pj->pi", axes, squared * projected / (1 + squared * sizes))
         return gains.max(1), SPREADS[best], deviations
+
+    def _gains(self, log_determinant: Array, explained: Array) -> Array:
+        """Return the gains in log evidence of deviations, from the log determinant of I + s^2 A and
+        the squares that they explain.
+        """
+        log_ratio = np.log1p(-np.minimum(explained / self.cost, 1 - 1e-12))
+        return np.asarray(-(log_determinant + self.freedom * log_ratio) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Tridiagonal:
+    """A symmetric (N, N) matrix A = Q T Q^T with a tridiagonal T: what is asked of A for many
+    spreads costs a third of its eigenvectors.
+
+    Source: G. H. Golub, C. F. Van Loan, Matrix computations (2013), section 8.3.1.
+    """
+
+    bands: Array
+    """(2, N) diagonal of T, and the one below it."""
+    reflectors: Array
+    """(N - 1, N - 1) LAPACK's reflectors, whose product is Q without its first row and column."""
+    factors: Array
+    """(N - 1,) their factors."""
+
+    @staticmethod
+    def of(matrix: Array) -> Tridiagonal:
+        """Reduce a matrix."""
+        size = int(lapack.dsytrd_lwork(len(matrix), lower=1)[0])
+        reduced, diagonal, below, factors, _ = lapack.dsytrd(matrix, lower=1, lwork=size)
+        bands = np.stack([diagonal, np.append(below, 0.0)])
+        return Tridiagonal(bands, np.asfortranarray(reduced[1:, :-1]), factors)
+
+    def turn(self, vector: Array, *, back: bool = False) -> Array:
+        """Return (N,) Q^T times a vector; with `back`, Q times it."""
+        turned, _, _ = lapack.dormqr(
+            "L", "N" if back else "T", self.reflectors, self.factors, vector[1:, None], 64
+        )
+        return np.append(vector[:1], turned[:, 0])
+
+    def solve(self, variance: float, right: Array) -> tuple[Array, float]:
+        """Return the (N,) solution of (I + variance T) x = right, and the log determinant."""
+        bands = variance * self.bands
+        bands[0] = 1 + bands[0]
+        factor = cholesky_banded(bands, lower=True)
+        return cho_solve_banded((factor, True), right), 2 * float(np.log(factor[0]).sum())
 
 
 def _divisions(deviations: Array) -> Array:
