@@ -41,8 +41,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         return 2
     names = {command.__name__.rpartition(".")[2] for command in COMMANDS}
-    close = meant(argv[0], sorted(names))
-    if close and argv[0] not in names and len(argv) > 1 and not argv[1].startswith("-"):
+    close = meant(argv[0], sorted(names)) if argv[0] not in names else ""
+    if close and len(argv) > 1 and not any(word.startswith("-") for word in argv[:2]):
         print_error("capture", f"{argv[0]} is not a command: did you mean {close}?")
         return 2
     if argv[0].partition("=")[0] not in (*names, "-h", "--help", "--version", "--print-completion"):

@@ -241,8 +241,8 @@ def _solve(
         step = torch.stack(_newton_step(point[0], point[1], goal[0], goal[1], coefficients)[:2])
         # A step from a poor start can end beyond the fold: no step is longer than half of
         # 0.1 plus the point's radius.
-        length = step.norm(dim=0)
-        damped = (0.5 * (0.1 + point.norm(dim=0)) / length.clamp_min(1e-300)).clamp_max(1.0)
+        length, radius = (step * step).sum(0).sqrt(), (point * point).sum(0).sqrt()
+        damped = (0.5 * (0.1 + radius) / length.clamp_min(1e-300)).clamp_max(1.0)
         point = point - damped * step
         moving = (~(length <= CONVERGED)).nonzero()[:, 0]
         if 2 * len(moving) > len(rows):

@@ -25,7 +25,7 @@ from tests.capture.recordings import FIXTURE, noise, write_recording
                 " folder:PATH, video:FILE"
             ),
         ),
-        ("/dev/video0", "did you mean v4l2?"),
+        ("/dev/video0", "did you mean v4l2:/dev/video0?"),
         ("vl42:/dev/video0", "did you mean v4l2?"),
         ("folders:x", "did you mean folder?"),
         ("folder:", "does not say which one: write it like folder:PATH"),
