@@ -68,23 +68,24 @@ def grid_lines(evidence: Evidence, view: int) -> Iterator[BoardLine]:
     focal, centre = _pinhole(evidence)
     points = np.column_stack([board.points(), np.zeros(board.count)]) @ rotation.T + pose[3:]
     grid = points.reshape(board.rows, board.columns, 3)
-    detected, undistorted, bow = _corner_grids(evidence, view)
-    rows = zip(grid, detected, undistorted, bow, strict=True)
-    grids = (grid, detected, undistorted, bow)
-    columns = zip(*(values.swapaxes(0, 1) for values in grids), strict=True)
+    ends = np.concatenate([grid[:, [0, -1]], grid[[0, -1]].swapaxes(0, 1)])
     steps = np.linspace(0, 1, SAMPLES)[:, None]
-    for ends, corners, undistorted_corners, shift in chain(rows, columns):
-        line = ends[0] + steps * (ends[-1] - ends[0])  # m, camera frame
-        if line[:, 2].min() <= 0:
-            continue
-        straight = focal * line[:, :2] / line[:, 2:] + centre
-        distorted, visible = evidence.field.distort_pixels(straight, line[:, 2])
+    lines = ends[:, :1] + steps * (ends[:, 1:] - ends[:, :1])  # (rows + columns, n, 3) m, camera
+    in_front = (lines[..., 2] > 0).all(1)
+    depths = np.where(in_front[:, None], lines[..., 2], np.inf)
+    straight = focal * lines[..., :2] / depths[..., None] + centre
+    distorted, visible = evidence.field.distort_pixels(straight.reshape(-1, 2), depths.ravel())
+    distorted = distorted.reshape(straight.shape)
+    drawn = in_front & visible.reshape(depths.shape).all(1)
+    corner_grids = _corner_grids(evidence, view)
+    rows, columns = corner_grids.swapaxes(0, 1), corner_grids.transpose(2, 0, 1, 3)
+    for index, (corners, undistorted_corners, shift) in enumerate(chain(rows, columns)):
         is_detected = np.isfinite(corners).all(-1)
-        if visible.all() and is_detected.sum() > 1:
+        if drawn[index] and is_detected.sum() > 1:
             yield BoardLine(
-                distorted=distorted,
-                undistorted=straight,
-                depth=line[:, 2],
+                distorted=distorted[index],
+                undistorted=straight[index],
+                depth=depths[index],
                 corners=corners[is_detected],
                 undistorted_corners=undistorted_corners[is_detected],
                 bow=shift[is_detected],
