@@ -92,6 +92,7 @@ def test_corners_are_where_light_put_them(located: list[LocatedTags], truth: Tag
     assert np.abs(error).max() < 0.06
 
 
+@pytest.mark.slow
 def test_turns_are_those_that_were_rendered(located: list[LocatedTags], truth: TagTruth) -> None:
     errors = [
         Rotation.from_matrix(tag.poses[0].turn @ truth.rotations[picture, tag.number].T)
@@ -103,6 +104,7 @@ def test_turns_are_those_that_were_rendered(located: list[LocatedTags], truth: T
     assert angle.max() < 0.45
 
 
+@pytest.mark.slow
 def test_tags_are_placed_five_times_more_exactly_than_by_a_central_camera(
     calibration: Calibration, located: list[LocatedTags], truth: TagTruth
 ) -> None:
@@ -132,6 +134,7 @@ def test_tags_are_placed_five_times_more_exactly_than_by_a_central_camera(
         )
 
 
+@pytest.mark.slow
 def test_the_errors_of_tags_scatter_by_their_sigma(
     located: list[LocatedTags], truth: TagTruth
 ) -> None:
@@ -297,6 +300,7 @@ def run(*arguments: object) -> int:
     return main(["pose", *map(str, arguments)])
 
 
+@pytest.mark.slow
 def test_the_command_prints_what_the_library_finds(
     folder: Path,
     located: list[LocatedTags],
