@@ -80,9 +80,8 @@ class DrawnFrame:
 
 
 def straight_html(evidence: Evidence, session: Path | None) -> str:
-    """Return the section as HTML; empty for a pinhole, which bends nothing, for a
-    target without lines, and where no view has
-    all its corners in the undistorted picture.
+    """Return the section as HTML; empty for a pinhole, which bends nothing, for a target without
+    lines, and where no view has all its corners in the undistorted picture.
     """
     if evidence.bare_residuals is None or not evidence.calibration.board.has_grid:
         return ""
