@@ -140,5 +140,5 @@ def test_the_lenses_of_opencv_leave_what_the_readme_says(world: Path) -> None:
     assert row
     assert float(row[1]) == pytest.approx(unmeasured.stages[-1].rms_px, abs=1e-3)
     assert float(row[2]) == pytest.approx(demo_error_nearby(unmeasured), abs=0.02)
-    assert 'told only "window, water", 0.014' in words
+    assert f'told only "window, water", 0.014 ({row[2]} nearer' in words
     assert f"noise | {calibration.noise_px:.3f} |" in section
