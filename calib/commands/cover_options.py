@@ -39,7 +39,8 @@ def add_cover(parser: Options) -> None:
         "--cover",
         choices=stated_shape_names(),
         metavar="SHAPE",
-        help=f"shape of the cover: {', '.join(stated_shape_names())} (default: none, a bare camera)",
+        help=f"shape of the cover: {', '.join(stated_shape_names())} (default: none, a bare"
+        " camera)",
     )
     for option, kinds in _kinds_by_option().items():
         parser.add_argument(
