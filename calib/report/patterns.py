@@ -72,10 +72,10 @@ class GroupMeans:
         """
         count, expected = int(self.significant.sum()), CHANCE * self.judged
         words = "a pattern" if self.is_pattern else "no pattern"
-        compared = f"{count} of {self.judged} means are large; noise alone"
+        compared = f"{count} of {self.judged} places deviate; noise alone"
         if self.is_pattern or count <= expected:
-            return f"{words} ({compared} gives {expected:.1f})"
-        return f"{words} ({compared} gives as many in {100 * self.probability:.2g} % of sessions)"
+            return f"{words} ({compared} makes {expected:.1f})"
+        return f"{words} ({compared} makes as many in {100 * self.probability:.2g} % of sessions)"
 
 
 def over_image(evidence: Evidence) -> GroupMeans:

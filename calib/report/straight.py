@@ -182,12 +182,12 @@ def _html(
     name = escape(evidence.calibration.views[view].name)
     absent = " The session's pictures were not found: only lines and corners are drawn."
     return (
+        f"{strips_html(evidence, most_bent, picture)}"
         f'<div class="pair">{"".join(panels)}</div>'
         f"<p>{name}, and the same picture undistorted for the depth of its board, {depth:.2g} m; in"
         " the middle, both have the same scale. Blue: straight lines through the first and the last"
         " corner of each row and column. Dots: the detected corners, without the bend of the board"
         f" itself.{absent if picture is None else ' Stripes: what the camera does not see.'}</p>"
-        f"{strips_html(evidence, most_bent, picture)}"
     )
 
 

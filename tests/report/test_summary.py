@@ -150,13 +150,13 @@ def test_noise_leaves_no_pattern(reported: Reported) -> None:
 @pytest.mark.parametrize(
     ("count", "groups", "words"),
     [
-        (0, 166, "no pattern (0 of 166 means are large; noise alone gives 1.7)"),
+        (0, 166, "no pattern (0 of 166 places deviate; noise alone makes 1.7)"),
         (
             3,
             81,
-            "no pattern (3 of 81 means are large; noise alone gives as many in 4",
+            "no pattern (3 of 81 places deviate; noise alone makes as many in 4",
         ),
-        (30, 166, "a pattern (30 of 166 means are large; noise alone gives 1.7)"),
+        (30, 166, "a pattern (30 of 166 places deviate; noise alone makes 1.7)"),
     ],
 )
 def test_more_than_chance_is_judged_by_its_probability(count: int, groups: int, words: str) -> None:
