@@ -284,7 +284,8 @@ class _Job:
     ) -> JointFit:
         """Return the joint fit of a model."""
         is_uneven = bool(model.path.relief)
-        title = "Joint fit, uneven" if is_uneven else "Joint fit"
+        title = "Rough fit" if len(rounds) == 1 else "Joint fit"
+        title += ", uneven" if is_uneven else ""
         if self.purpose:
             title = f"{'Uneven' if is_uneven else 'Fit'}, {self.purpose}"
         advance = self.progress.task(title, LINEARISATIONS)
