@@ -105,7 +105,9 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
         The state, in which the most probable rival may have replaced the effect; the name of the
         most probable one; and the family, if it is not almost sure.
     """
-    rivals = _rivals(state, effect)
+    rivals = [
+        rival for rival in _rivals(state, effect) if np.isfinite(rival.fit.joint.log_marginal)
+    ]
     unmodelled = _unmodelled(state, effect)
     members = [effect, *(rival.test.effect for rival in rivals)]
     fits = [state.fit, *(rival.fit for rival in rivals)]

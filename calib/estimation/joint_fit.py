@@ -251,10 +251,13 @@ def marginal_likelihood(
 def _log_block_evidence(path: Path, solution: Solution, sigma: float) -> float:
     """Return the term that integrating out the views' parameters adds to the log evidence: the
     width of their posterior relative to that of their prior (Laplace). A pose has no prior; every
-    model gets the same unit prior for it.
+    model gets the same unit prior for it. It is -infinity if the corners of a view do not determine
+    its parameters.
     """
     blocks, precision = solution.blocks, view_precision(path, solution.blocks)
     log_determinant = torch.linalg.slogdet(solution.equations.hessian_block).logabsdet.sum()
+    if not torch.isfinite(log_determinant):
+        return -math.inf
     informative = precision[precision > 0]
     prior_cost = float((blocks**2 @ precision).sum())
     return float(
