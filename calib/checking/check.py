@@ -98,7 +98,7 @@ class Checker:
             NotEnoughDataError: no view has a pose of the board that explains its corners.
         """
         if pictures.mismatch:
-            change = Change(OTHER_BOARD, pictures.mismatch, 1.0)
+            change = Change(pictures.mismatch_name, pictures.mismatch, 1.0)
             return CheckResult(CheckStatus.BROKEN, None, (change,), pictures.rejected)
         advance = progress.task("Check", STAGES)
         with single_thread():

@@ -9,7 +9,7 @@ from pathlib import Path
 from calib.calibration import Calibration
 from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import RejectedPicture, View
-from calib.errors import InputError, NotEnoughDataError, OtherBoardError
+from calib.errors import NotEnoughDataError, OtherBoardError
 from calib.fitting.inputs import read_views, session_of_pictures
 from calib.io.files import reading
 from calib.progress import Progress
@@ -28,7 +28,9 @@ class Pictures:
     board: Board
     rejected: tuple[RejectedPicture, ...] = ()
     mismatch: str = ""
-    """The reason why the pictures cannot be checked: they show another board; no views then."""
+    """The reason why the pictures cannot be checked, another mode or board; no views then."""
+    mismatch_name: str = ""
+    """other_mode or other_board."""
 
 
 def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Progress) -> Pictures:
@@ -36,7 +38,7 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
     session, board and camera are those of the calibration.
 
     Raises:
-        InputError: no file can be read, or the pictures are of another size.
+        InputError: no file can be read.
         NotEnoughDataError: no picture shows the board.
     """
     with reading(paths[0]):
@@ -49,11 +51,11 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
         session, size, rejected = session_of_pictures(paths, calibration)
     camera = calibration.camera
     if size != (camera.width, camera.height):
-        raise InputError(
-            f"{paths[0]} is of {size[0]}x{size[1]} px and the calibration for"
-            f" {camera.width}x{camera.height}: check pictures of the calibrated camera mode, or"
-            " calibrate this mode as well."
+        words = (
+            f"the pictures come from another mode: {size[0]}x{size[1]} px where the calibration has"
+            f" {camera.width}x{camera.height}"
         )
+        return Pictures((), session.board, rejected, words, "other_mode")
     try:
         views, undetected = read_views(session, progress, min_views=1)
     except OtherBoardError as error:
@@ -62,6 +64,7 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
             session.board,
             rejected,
             f"the board is not that of the calibration: {error}".rstrip("."),
+            OTHER_BOARD,
         )
     except NotEnoughDataError as error:
         raise NotEnoughDataError(f"No picture can be checked: {error}") from error

@@ -34,7 +34,7 @@ class Change:
     """A possible change of the camera, its cover, the board or the pictures."""
 
     name: str
-    """The name of the effect, or turned_pictures, no_cover, other_camera,
+    """The name of the effect, or other_mode, turned_pictures, no_cover, other_camera,
     other_board, unknown.
     """
     words: str
@@ -124,7 +124,7 @@ NO_STATISTICS = dict.fromkeys(
         "noise_px",
     )
 ) | {"degrees_of_freedom": 0, "views": 0, "views_known": 0}
-"""The JSON of pictures that cannot be tested: they show another board."""
+"""The JSON of pictures that cannot be tested, such as those of another mode."""
 
 
 @dataclass(frozen=True, slots=True)

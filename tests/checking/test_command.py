@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from calib.calibration import Calibration
-from calib.checking.pictures import OTHER_BOARD, Pictures
+from calib.checking.pictures import Pictures
 from calib.checking.result import Change, CheckResult, CheckStatistics, CheckStatus
 from calib.checking.update import is_updatable
 from calib.cli import main
@@ -172,14 +172,19 @@ def test_a_named_change_of_the_camera_is_carried_by_an_update(
     assert main(["check", str(tmp_path / "out"), str(later)]) == 0
 
 
-def test_pictures_of_another_size_are_refused_as_by_evaluate(
+def test_pictures_of_another_size_come_from_another_mode(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.full((600, 800), 128, np.uint8))
-    assert main(["check", str(saved), str(tmp_path), "--json"]) == 2
-    assert "is of 800x600 px and the calibration for 3280x2464: check" in capsys.readouterr().err
-    assert main(["evaluate", str(saved), str(tmp_path)]) == 2
-    assert "is of 800x600 px and the calibration for 3280x2464: eval" in capsys.readouterr().err
+    assert main(["check", str(saved), str(tmp_path), "--json"]) == 5
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["answer"] == "broken"
+    assert answer["changes"][0]["name"] == "other_mode"
+    assert (
+        answer["changes"][0]["sentence"]
+        == "the pictures come from another mode: 800x600 px where the calibration has 3280x2464"
+    )
+    assert answer["p_value"] is None
 
 
 @pytest.mark.parametrize("damage", ["truncated", "blank", "none", "missing"])
@@ -220,8 +225,8 @@ def test_pictures_that_do_not_exist_are_refused(
     assert "a.png does not exist" in capsys.readouterr().err
 
 
-def test_another_board_in_the_folder_one_is_in(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_another_mode_in_the_folder_one_is_in(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The next session's name for "." is that of the folder, also for its frames. A loose picture
     has no session that could be recorded again.
@@ -233,15 +238,13 @@ def test_another_board_in_the_folder_one_is_in(
         "cover: {shape: none}\n"
     )
     monkeypatch.chdir(tmp_path)
-    change = Change(OTHER_BOARD, "the board is not that of the calibration", 1.0)
-    result = CheckResult(CheckStatus.BROKEN, None, (change,), ())
-
-    def following(pictures: str) -> str:
-        return next_command(result, Path("out"), [Path(pictures)], updated=False)
-
-    assert following(".") == following("frames/a.png") == f"capture {tmp_path}-again"
+    assert main(["check", str(saved), "."]) == 5
+    assert f"Next: capture {tmp_path}-again" in capsys.readouterr().out
+    assert main(["check", str(saved), "frames/a.png"]) == 5
+    assert f"Next: capture {tmp_path}-again" in capsys.readouterr().out
     (tmp_path / "session.yaml").unlink()
-    assert following("frames/a.png") == "capture frames-again", "no fit of one picture"
+    assert main(["check", str(saved), "frames/a.png"]) == 5
+    assert "Next: capture frames-again" in capsys.readouterr().out, "no fit of one picture"
 
 
 def test_a_valid_check_prints_no_alarm() -> None:
