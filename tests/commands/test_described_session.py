@@ -407,7 +407,10 @@ def test_pictures_in_a_folder_that_cannot_be_written_become_a_session_of_the_out
         (["text.avi", *BOARD], "text.avi is not a video that can be read"),
         (["text.avi", "my photos"], "calib fit text.avi --board 9x6 --square-mm 25"),
         (["films"], "calib fit films/a.mp4 --board 9x6 --square-mm 25 makes a session of it"),
-        (["my photos", "--board", "7x6"], "belong together: add --square-mm MM, the side of a square"),
+        (
+            ["my photos", "--board", "7x6"],
+            "belong together: add --square-mm MM, the side of a square",
+        ),
         (["my photos", *BOARD, "--radius", "3"], "add --cover, one of none, cone"),
         (
             ["my photos", *BOARD, "--cover", "flat", "--radius", "3"],
