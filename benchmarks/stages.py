@@ -1,8 +1,8 @@
 """Where the time of `calib fit` and `calib diagnose` goes: `python -m benchmarks.stages SESSION`.
 
 Each figure is the processor's time of this process in one stage, under Python's profiler, which
-adds about a fifth. Stages that are set in are parts of the one above them. Figures of searches and
-questions are in several stages. What no line names is the rest.
+adds a fifth to a third. Stages that are set in are parts of the one above them. Figures "in all"
+are parts of several stages. What no line names is the rest.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from calib.threads import single_thread
 FIT = {
     "imports": ("_bootstrap>", "_find_and_load"),
     "lens, for unknown intrinsics": ("intrinsics/calibrate.py", "calibrate_bare"),
-    "  OpenCV's fits": ("", "{calibrateCameraExtended}"),
+    "  OpenCV's fits": ("", "<calibrateCameraExtended>"),
     "fit": ("fitting/stages.py", "fit_stages"),
     "boards turned by half a turn": ("fitting/half_turns.py", "find"),
     "sigma that counts views": ("fitting/fit_result.py", "count_views"),
@@ -31,7 +31,6 @@ FIT = {
     "report, with its verdict": ("report/write.py", "write_report"),
 }
 DIAGNOSIS = {
-    "imports": ("_bootstrap>", "_find_and_load"),
     "search": ("diagnosis/search.py", "run_search"),
     "families": ("diagnosis/equivalence.py", "find_families"),
     "report, with its verdict": ("report/write.py", "write_report"),

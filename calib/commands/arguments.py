@@ -2,18 +2,15 @@
 
 import argparse
 import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from calib.errors import InputError, brief, meant
 from calib.io.numerals import whole_number
+from calib.session.number_spelling import length_in_mm
 
 FARTHEST = 1e9
 """m: a map for a greater depth equals the map for infinity to its last digit."""
-MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
-"""The units that a length may be typed with, in mm."""
-LENGTH = re.compile(r"([0-9]+(?:[.][0-9]*)?|[.][0-9]+)\s*(mm|cm|m)", re.ASCII)
 Options = argparse.ArgumentParser | argparse._ArgumentGroup
 """A parser, or a group of options in its help."""
 
@@ -25,7 +22,7 @@ def depth(text: str) -> float:
     except ValueError:
         metres = math.nan
     if not (0 < metres <= FARTHEST or metres == math.inf):
-        if length := _length_in_mm(text):
+        if length := length_in_mm(text):
             raise argparse.ArgumentTypeError(
                 f"{quoted(text)} is not a depth: write {length / 1000:g}, in metres without a unit"
             )
@@ -39,12 +36,6 @@ def depth(text: str) -> float:
             " farthest"
         )
     return metres
-
-
-def _length_in_mm(text: str) -> float | None:
-    """Return a length that has a unit, such as 50cm, in mm; None if the text is none."""
-    match = LENGTH.fullmatch(text.strip().lower().replace(",", "."))
-    return float(match[1]) * MILLIMETRES[match[2]] if match else None
 
 
 def finite_depth(text: str) -> float:
@@ -117,7 +108,7 @@ def millimetres(text: str) -> float:
     except ValueError:
         side = 0.0
     if not 0.05 <= side <= 1e5:
-        if length := _length_in_mm(text):
+        if length := length_in_mm(text):
             raise argparse.ArgumentTypeError(
                 f"{quoted(text)} is not a side of a square: write {length:g}, in millimetres"
                 " without a unit"

@@ -80,11 +80,10 @@ class VariationEquations:
 
     def variations(
         self, groups: Sequence[Group], patterns: Mapping[VariationKind, Sequence[Array]]
-    ) -> list[Variation]:
-        """Return the most probable variation of every kind of every group."""
-        return [
-            variation for group in groups for variation in self.group(group).variations(patterns)
-        ]
+    ) -> Iterator[Variation]:
+        """Yield the most probable variation of every kind of every group."""
+        for group in groups:
+            yield from self.group(group).variations(patterns)
 
     def log_evidence_beside(self, variation: Variation) -> float:
         """Return the log evidence with a variation and with the most probable discrepancy beside

@@ -4,9 +4,8 @@ cause.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 
@@ -64,7 +63,7 @@ def find_variations(
         nameless: allow for structure of no cause to explain more. Without it, numbers that imitate
             what the model lacks are returned too.
         about: the only group of which it matters whether its numbers differ. Nothing is returned if
-            it explains too little by itself to have a name, which takes a quarter of the time.
+            it explains too little by itself to have a name, which takes a third of the time.
     """
     if not _may_differ(fitted, context):
         return []
@@ -159,20 +158,24 @@ def _may_differ(fitted: FittedModel, context: EffectContext) -> bool:
     """Return True if numbers that differ from view to view make the views more probable."""
     if len(fitted.observations.names) < MIN_VIEWS:
         return False
-    equations, patterns = (
-        VariationEquations.of(VariationRows.of(fitted, context)),
-        patterns_of(fitted),
-    )
-    variations = (equations.group(group).variations(patterns) for group in _groups(fitted, context))
-    return any(variation.gain >= MIN_GAIN for variation in chain.from_iterable(variations))
+    return any(variation.gain >= MIN_GAIN for variation in _variations(fitted, context)[1])
 
 
 def _with_largest_gain(
     fitted: FittedModel, context: EffectContext
 ) -> tuple[VariationEquations, float]:
-    equations = VariationEquations.of(VariationRows.of(fitted, context))
-    variations = equations.variations(_groups(fitted, context), patterns_of(fitted))
+    equations, variations = _variations(fitted, context)
     return equations, max((variation.gain for variation in variations), default=0.0)
+
+
+def _variations(
+    fitted: FittedModel, context: EffectContext
+) -> tuple[VariationEquations, Iterator[Variation]]:
+    """Return the equations of a model as it is, and its variations, each computed when it is
+    reached.
+    """
+    equations = VariationEquations.of(VariationRows.of(fitted, context))
+    return equations, equations.variations(_groups(fitted, context), patterns_of(fitted))
 
 
 def _groups(fitted: FittedModel, context: EffectContext) -> list[Group]:

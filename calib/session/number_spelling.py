@@ -49,8 +49,7 @@ def spelling_advice(key: str, text: str, *, has_sigma: bool, is_whole: bool = Fa
         return f"write {word.replace(',', '.')} with a decimal point"
     if _is_number(word):
         return f"write {float(word):g}, in the digits 0 to 9 alone"
-    pointed = re.sub(r"(?<=[0-9]),(?=[0-9])", ".", word)
-    value, pair, sigma = join_sigmas(pointed).partition("±")
+    value, pair, sigma = join_sigmas(_pointed(word)).partition("±")
     number = _in_unit(key, value, _unit_of(sigma))
     uncertainty = _in_unit(key, sigma, _unit_of(value))
     if has_sigma and number is not None and uncertainty is not None:
@@ -75,6 +74,18 @@ def _in_unit(key: str, word: str, default_unit: str) -> float | None:
     units = UNITS.get(suffix, UNITS["px"])
     size = units.get(_unit_of(word) or default_unit or next(iter(units)))
     return float(match[1]) * size if match and size is not None else None
+
+
+def length_in_mm(text: str) -> float | None:
+    """Return a length that has a unit, such as 50cm, in mm; None if the text is none."""
+    word = _pointed(text.strip())
+    length = _in_unit("mm", word, "") if _unit_of(word) else None
+    return length if length and length > 0 else None
+
+
+def _pointed(text: str) -> str:
+    """Return a text with a point in place of each decimal comma."""
+    return re.sub(r"(?<=[0-9]),(?=[0-9])", ".", text)
 
 
 def _is_number(text: str) -> bool:
