@@ -20,8 +20,21 @@ from calib.threads import single_thread
 
 
 def all_free(calibration: Calibration) -> Calibration:
-    """Return the refitted calibration, or the same one if only exact numbers were held, or if the
-    user chose the numbers to hold.
+    """Return the refitted calibration, or the same one if there is nothing to free."""
+    freed = with_all_free(calibration)
+    if freed is calibration:
+        return calibration
+    model, observations = full_model(freed), calibration.observations
+    with single_thread():
+        joint = model.fit(observations, torch.from_numpy(calibration.poses))
+    if not joint.finite:
+        raise NotEnoughDataError(joint.outcome.value)
+    return with_fit(freed, model, joint, observations)
+
+
+def with_all_free(calibration: Calibration) -> Calibration:
+    """Return the calibration with a tolerance for every inexact number, for another fit; the same
+    one if only exact numbers were held, or if the user chose the numbers to hold.
     """
     declared = calibration.declared
     intrinsics, cover = free_parameters(declared.intrinsics, declared.cover, (ALL,))
@@ -32,10 +45,4 @@ def all_free(calibration: Calibration) -> Calibration:
         or not (calibration.views and calibration.covariance.size)
     ):
         return calibration
-    freed = replace(calibration, stated=Declared(intrinsics, cover, declared.doubted))
-    model, observations = full_model(freed), calibration.observations
-    with single_thread():
-        joint = model.fit(observations, torch.from_numpy(calibration.poses))
-    if not joint.finite:
-        raise NotEnoughDataError(joint.outcome.value)
-    return with_fit(freed, model, joint, observations)
+    return replace(calibration, stated=Declared(intrinsics, cover, declared.doubted))

@@ -12,11 +12,18 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration, CalibrationSource
 from calib.corners.view import are_timed, pose_labels
-from calib.diagnosis.all_free import all_free
+from calib.diagnosis.all_free import with_all_free
+from calib.diagnosis.backward_elimination import drop_idle
 from calib.diagnosis.effect_description import first_changed, spread_of
 from calib.diagnosis.equivalence import find_families
 from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate
-from calib.diagnosis.search import MAX_EFFECTS, MAX_FITS, run_search, score
+from calib.diagnosis.search import (
+    MAX_EFFECTS,
+    MAX_FITS,
+    run_search,
+    score,
+    with_free_numbers,
+)
 from calib.diagnosis.search_state import SearchProblem, SearchState
 from calib.diagnosis.sentences import printed_forms, remarks, trial_verdict, unconfirmed_scores
 from calib.effects.effect import Effect
@@ -34,7 +41,6 @@ from calib.estimation.noise import (
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fit_record.history import DiagnosisRecord, Family, Quality
-from calib.fitting.declared import comparisons
 from calib.fitting.differing import Differing
 from calib.fitting.evaluate import Evaluation, evaluate
 from calib.fitting.fit_result import with_fit
@@ -57,9 +63,6 @@ from calib.session.session import Session, SessionSource
 from calib.threads import single_thread
 
 MIN_VIEWS = FOLDS
-MAX_INCREASE = 1.01
-"""The error with free numbers over that with held ones: they lower it, or the fit ended elsewhere.
-"""
 STEPS = MAX_EFFECTS + 2 * MAX_FITS
 """The length of the progress bar."""
 
@@ -101,6 +104,7 @@ def diagnose(
         if not base.joint.finite:
             raise NotEnoughDataError(base.joint.outcome.value)
         given = base_model(calibration)
+        with_free = with_all_free(calibration)
         problem = SearchProblem(
             board=calibration.board,
             camera=calibration.camera,
@@ -108,6 +112,7 @@ def diagnose(
             folds=fold_split(poses),
             depth_bands=depth_split(_view_distances(base, observations), poses),
             base=given,
+            free_base=base_model(with_free) if with_free is not calibration else None,
             report=_Reporter(advance),
             has_structure=lambda fit: bool(
                 significant_shares(_shares(calibration, fit, observations))
@@ -125,6 +130,8 @@ def diagnose(
             state = run_search(state)
             advance(STEPS - 1, "rivals")
             state, families = find_families(state)
+            if (free := with_free_numbers(state)) is not state:
+                state, families = find_families(drop_idle(free)[0])
             left_px = _residuals(state.fit, observations).rms_px
             if not is_stated_noise(calibration.board, left_px, stated_noise(calibration.views)):
                 differing = state.evaluations.differing
@@ -144,12 +151,12 @@ def diagnose(
             ),
             *remarks(state, families, formulas, structure, timed=timed),
         )
+    # Without an effect of its own, the search frees no number.
+    fitted_from = calibration if state.problem.free_base else with_free
     changed = state.model.effects or calibration.effects or _names(state.model) != _names(given)
     # Where nothing was added, every number stays as it was given.
     extended = (
-        _freed(with_fit(calibration, state.model, state.joint, observations))
-        if changed
-        else calibration
+        with_fit(fitted_from, state.model, state.joint, observations) if changed else calibration
     )
     given_held_out: float | None = None
     evaluation: Evaluation | None = None
@@ -185,20 +192,6 @@ def diagnose(
     )
     history = replace(extended.history, diagnosis=DiagnosisRecord(diagnosis.as_json()))
     return replace(extended, noise_px=noise, history=history), diagnosis
-
-
-def _freed(calibration: Calibration) -> Calibration:
-    """Return the calibration with an estimate of the numbers that its fit held at their declared
-    values because its model lacked something. They stay held if they still contradict their
-    tolerances, or if the fit ends elsewhere.
-    """
-    try:
-        freed = all_free(calibration)
-    except NotEnoughDataError:
-        return calibration
-    contradicted = any(number.contradicted for number in comparisons(freed))
-    is_worse = freed.stages[-1].rms_px > MAX_INCREASE * calibration.stages[-1].rms_px
-    return calibration if contradicted or is_worse else freed
 
 
 class _Reporter:

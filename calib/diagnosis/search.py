@@ -15,11 +15,12 @@ import numpy as np
 
 from calib.diagnosis.backward_elimination import drop_idle
 from calib.diagnosis.most_probable_form import with_most_probable
-from calib.diagnosis.search_state import SearchState
+from calib.diagnosis.search_state import Evaluations, SearchState
 from calib.diagnosis.simpler_forms import simplified
 from calib.diagnosis.trial import MIN_GAIN, Trial, is_impossible
 from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS, FIELDS
+from calib.estimation.prior_conflict import largest_prior_conflict
 from calib.inference.cross_validation import held_out_gain, hold_out
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import ModelFit
@@ -41,6 +42,9 @@ HOPELESS_RATIO = 3.0
 """The ratio of the errors with and without an effect above which it is not tried again."""
 MAX_EFFECTS = 6
 """The largest number of effects. Dropping an idle effect makes room for another."""
+MAX_INCREASE = 1.01
+"""The error with free numbers over that with held ones: they lower it, or the fit ended elsewhere.
+"""
 MIN_CONFOUNDED_CORRELATION = 0.9
 """The squared correlation above which two effects are the same to these views."""
 
@@ -62,6 +66,28 @@ def run_search(state: SearchState) -> SearchState:
             return state
         added = True
         is_full = len(state.model.effects) == MAX_EFFECTS
+
+
+def with_free_numbers(state: SearchState) -> SearchState:
+    """Estimate the declared numbers that the fit held because its model lacked something, if the
+    effects leave the estimates within their tolerances.
+
+    Held at values that are off by their tolerances, they leave an error that other effects imitate.
+    """
+    free_base = state.problem.free_base
+    if not (free_base and state.model.effects):
+        return state
+    observations = state.problem.observations
+    model = free_base.with_effects(state.model.effects)
+    joint = model.fit(observations, state.joint.poses, state.joint.start)
+    estimated = {param.name for param in state.model.parameters.free}
+    is_worse = joint.sigma > MAX_INCREASE * state.joint.sigma
+    if not joint.finite or is_worse or largest_prior_conflict(joint, estimated):
+        return state
+    problem = replace(state.problem, base=free_base, free_base=None)
+    return replace(
+        state, problem=problem, evaluations=Evaluations(problem, ModelFit(model, joint), {})
+    )
 
 
 def simplify(state: SearchState) -> SearchState:
@@ -306,4 +332,4 @@ def _accept(state: SearchState, trial: Trial) -> SearchState:
         fit = ModelFit(model, joint) if joint.finite else fit
     state = state.with_fit(fit, keep_previous=True)
     state.problem.report(f"found {trial.test.effect.name}")
-    return state
+    return with_free_numbers(state)

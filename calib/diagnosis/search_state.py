@@ -37,6 +37,10 @@ class SearchProblem:
     depth_bands: Split | None
     base: CameraModel
     """The model without effects."""
+    free_base: CameraModel | None
+    """The same with the declared numbers free that `base` holds; None if it holds none, or if the
+    user chose them.
+    """
     report: Callable[[str], None]
     """Called with a short remark before each step."""
     has_structure: Callable[[ModelFit], bool]
