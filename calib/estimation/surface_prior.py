@@ -22,7 +22,6 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
-from scipy.optimize import minimize
 
 from calib.optics.relief import Relief
 from calib.session.glass import Glass, polynomial_degrees
@@ -287,6 +286,8 @@ def maximise_evidence(
     Args:
         fixed_noise: True to return the noise as it is given.
     """
+    from scipy.optimize import minimize  # commands that fit nothing do without it
+
     if start:  # the evidence has several maxima
         start = max(
             (
