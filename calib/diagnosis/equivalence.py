@@ -37,6 +37,7 @@ from calib.inference.fitted_model import FittedModel, ModelFit
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.inference.score_test import ScoreTest, score_test, tuned_score_tests
 from calib.inference.varying_numbers import groups_of
+from calib.inference.view_variation import largest_gain
 from calib.inference.vuong import vuong_statistic
 from calib.inference.warm_start import rough_fit
 
@@ -47,6 +48,10 @@ sum of squares.
 """
 HOPELESS_STATISTIC = 12.0
 """The Vuong statistic above which a rival is excluded after its rough fit."""
+HOPELESS_PART = 0.5
+"""The part of an effect's gain in log evidence that numbers of single views must be able to reach.
+A tenth of the gain counts as 1 (`evidence_scale`), so those with half of it have odds of 1 to 150.
+"""
 MAX_PASSES = 3
 """The largest number of comparisons of each effect. Replacing an effect changes the rivals of the
 others.
@@ -232,7 +237,8 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
     fitted, context = _without(state, effect)
     present = {e.name for e in state.model.effects}
     # Numbers of single views can imitate what the model lacks, also where they get no name.
-    differing = Differing.of(fitted, context, nameless=False)
+    gain = state.joint.log_marginal - base.joint.log_marginal
+    differing = _rival_variations(effect, gain, fitted, context)
     varying = [
         rival
         for variation in (differing.variations if differing else ())
@@ -274,6 +280,21 @@ def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
             candidate = replace(candidate, effect=model.effects[-1])
             rivals.append(Rival(candidate, base.model, ModelFit(model, joint)))
     return rivals
+
+
+def _rival_variations(
+    effect: Effect, gain: float, fitted: FittedModel, context: EffectContext
+) -> Differing | None:
+    """Return what may differ from view to view in the place of an effect.
+
+    Args:
+        gain: the increase of the log evidence by the effect.
+        fitted: the fit without the effect.
+        context: its context.
+    """
+    if not effect.varies and largest_gain(fitted, context) < HOPELESS_PART * gain:
+        return None
+    return Differing.of(fitted, context, nameless=False)
 
 
 def _competitive_fit(state: SearchState, base: ModelFit, effect: Effect) -> JointFit | None:

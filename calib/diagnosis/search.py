@@ -150,11 +150,10 @@ def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
     shared = [kind for kind in EFFECTS if not kind.per_view]
     state, lowering = _lowering(*score(state, shared))
     state, best = _first_passing(state, lowering, lambda fit: fit.joint.log_evidence)
-    differing = state.evaluations.differing
-    if best and not (differing and _imitates(state, best)) and _is_named(state, best):
+    if best and not _is_imitation(state, best) and _is_named(state, best):
         return state, best
     cause: Trial | None = None
-    if differing:
+    if differing := state.evaluations.differing:
         _, context = state.problem.at_optimum(state.fit)
         likely = [(v.gain, effect) for v in differing.likely for effect in v.effects(context)]
         gains = {effect.name: gain for gain, effect in likely}
@@ -188,13 +187,15 @@ def _is_named(state: SearchState, trial: Trial) -> bool:
     return with_trial > without + MIN_VARIATION_GAIN
 
 
-def _imitates(state: SearchState, trial: Trial) -> bool:
+def _is_imitation(state: SearchState, trial: Trial) -> bool:
     """Return True if an effect that all views share adds nothing to numbers that differ from view
     to view: with both, the log evidence is hardly larger than with these numbers alone.
     """
     alone = largest_log_evidence(*state.problem.at_optimum(state.fit))
     both = largest_log_evidence(*state.problem.at_optimum(trial.fitted))
-    return both < alone + MIN_VARIATION_GAIN
+    if both >= alone + MIN_VARIATION_GAIN:
+        return False
+    return state.evaluations.differing is not None
 
 
 def _lowering(

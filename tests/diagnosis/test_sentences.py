@@ -43,6 +43,7 @@ def state_without_window() -> SearchState:
         folds=fold_split(range(20)),
         depth_bands=None,
         base=base,
+        free_base=None,
         report=lambda _: None,
         has_structure=lambda _: False,
     )
