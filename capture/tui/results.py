@@ -2,7 +2,7 @@
 steps.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -20,7 +20,6 @@ from calib.corners.detect import eight_bits
 from calib.errors import RefracalError, harmless
 from calib.io.images import frames_folder, read_grey
 from calib.session.shapes.layer import AIR
-from calib.verdict.verdict import Trust
 from capture.tui.camera import Preview
 from capture.tui.cells import CORNER_MARK, WORST_MARK, Mark
 from capture.tui.child import Event
@@ -35,23 +34,18 @@ from capture.tui.drop import (
 )
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
-from capture.tui.farewell import CALIBRATION, propose_depth, updated_folder
+from capture.tui.farewell import CALIBRATION, updated_folder
 from capture.tui.numbers import Numbers
 from capture.tui.page import HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
+from capture.tui.results_text import ResultsText
 
-BAR_COLUMNS = 12  # columns
 ROOMY = (110, 36)  # the columns and rows from which the screen has room for the numbers as well
 NUMBERS_NOTE = "n: camera and cover"
-GLASS_NOTE = "smooth: ideal glass; fitted: its waves as well"
 EARLIER_FIT_NOTE = (
     "Views were set aside since this fit: these maps are still of the fit with them. esc, then f,"
     " fits without them."
 )
-ALIKE = 0.9
-"""The error of the fitted cover over that of the camera alone from which the two are alike."""
-ALIKE_NOTE = "alike: this cover bends light like a lens"
-MAX_REASONS = 2  # the number of the verdict's reasons: more do not fit below the picture
 
 
 class ResultsScreen(Page):
@@ -161,13 +155,13 @@ class ResultsScreen(Page):
             len(result["stages"]) > len(previous_stages)
             and result["stages"][: len(previous_stages)] == previous_stages
         )
-        self._previous = None if diagnosed else previous
+        self._text = ResultsText(self.result, None if diagnosed else previous)
         files = [view["file"] for view in result["views"]]
         self._numbers_wanted = False
         """True if the numbers replace the views where there is no room for both."""
         self._view_line = ""
         """What is said of the view that is shown."""
-        self._update_shown = bool([*self._update_note()])
+        self._update_shown = bool(self._text.update_note())
         """True if the screen says that a check has updated the calibration."""
         self._dropped: list[DroppedPicture] = find_dropped(session, files)
         self._dropped_earlier = find_dropped_earlier(
@@ -189,12 +183,12 @@ class ResultsScreen(Page):
         """
         if self._dropped or self._taken_back:
             return frozenset({"export"})
-        return frozenset({"export", "refit"} if self._forbidden else ())
+        return frozenset({"export", "refit"} if self._text.is_forbidden else ())
 
     def body(self) -> ComposeResult:
         with Horizontal(id="top"):
             with Vertical(id="left"):
-                yield Static(self._stages(), id="stages", markup=False)
+                yield Static(self._text.stages, id="stages", markup=False)
                 yield Static("Views, the worst first", id="title", markup=False)
                 yield OptionList(
                     *(Option(self._line(view), id=view["file"]) for view in self.result["views"]),
@@ -206,12 +200,14 @@ class ResultsScreen(Page):
                 yield Static(id="view", markup=False)
         yield Numbers(self.result)
         word = self.result["verdict"]["word"]
-        yield Static(self._headline, id="verdict", classes=f"banner {word}", markup=False)
+        yield Static(self._text.headline, id="verdict", classes=f"banner {word}", markup=False)
         said = Static(id="said", classes="banner", markup=False)
         said.display = False
         yield said
-        yield Static(self._details(), id="sentence", classes="banner", markup=False)
-        yield Static(self._next_steps(), id="onward", classes="banner", markup=False)
+        details = map(harmless, self._text.details(len(self._dropped)))
+        separator = "\n" if self._on_phone else " "
+        yield Static(separator.join(details), id="sentence", classes="banner", markup=False)
+        yield Static(self._next_steps, id="onward", classes="banner", markup=False)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
@@ -222,9 +218,9 @@ class ResultsScreen(Page):
     def on_mount(self) -> None:
         self.query_one(OptionList).focus()
         self.watch(self.app, "on_phone", self._arrange)
-        doubt = "" if self._trusted else self._headline
-        calibration = Path(self.result["calibration"])
-        self.post_message(self.ResultsOpened(calibration, self._depth, self._boards, doubt))
+        text = self._text
+        doubt = "" if text.is_trusted else text.headline
+        self.post_message(self.ResultsOpened(text.calibration, text.depth, text.boards, doubt))
 
     @on(Resize)
     def _arrange(self) -> None:
@@ -256,121 +252,12 @@ class ResultsScreen(Page):
             self.query_one(OptionList).focus()
 
     @property
-    def _depth(self) -> float:
-        """m, the proposed depth of maps."""
-        if depths := [float(entry["depth_m"]) for entry in self.result["sigma_px"]]:
-            return depths[len(depths) // 2]  # the median of the corners
-        return propose_depth(Path(self.result["calibration"]).parent)
-
-    @property
-    def _boards(self) -> tuple[float, float] | None:
-        """m, the depths of the nearest and the farthest corners."""
-        depths = [float(entry["depth_m"]) for entry in self.result["sigma_px"]]
-        return (min(depths), max(depths)) if depths else None
-
-    @property
-    def _trusted(self) -> bool:
-        return bool(self.result["verdict"]["word"] == "trusted")
-
-    @property
-    def _forbidden(self) -> bool:
-        return bool(self.result["verdict"]["word"] == Trust.DO_NOT_USE.value)
-
-    @property
-    def _headline(self) -> str:
-        """The verdict's first sentence: whether the calibration can be used."""
-        return harmless(self.result["verdict"]["sentences"][0])
-
-    def _stages(self) -> str:
-        previous = (
-            {stage["name"]: stage for stage in self._previous["stages"]} if self._previous else {}
-        )
-        lines = [
-            f"{'error, unweighted':<18}{'picture':>9}{'on board':>10}"
-            f" {'before' if previous else ''}"
-        ]
-        for stage in self.result["stages"]:
-            previous_text = (
-                f"{previous[stage['name']]['rms_px']:>8.3f}" if stage["name"] in previous else ""
-            )
-            lines.append(
-                f"{stage['title']:<18}{stage['rms_px']:>6.3f} px{10 * stage['rmse_cm']:>8.3f}"
-                f" mm{previous_text}"
-            )
-        if any(stage["name"] == "cover" for stage in self.result["stages"]):
-            lines.append(GLASS_NOTE)
-            first, last = self.result["stages"][0], self.result["stages"][-1]
-            if last["rms_px"] > ALIKE * first["rms_px"]:
-                lines.append(ALIKE_NOTE)
-        return "\n".join(lines)
-
-    def _details(self) -> str:
-        """Return the sentences below the headline."""
-        first = self.result["stages"][0]["rms_px"]
-        last = self.result["stages"][-1]["rms_px"]
-        noise = self.result["noise_px"]
-        words = "unknown" if noise is None else f"{noise:.3f} px"
-        has_fallen = round(first, 3) > round(last, 3)
-        error = (
-            f"The error fell from {first:.3f} to {last:.3f} px"
-            if has_fallen
-            else f"The error is {last:.3f} px"
-        )
-        sentences = [f"{error}; the corners' own noise is {words}."]
-        if sigmas := self.result["sigma_px"]:
-            worst = max(entry["px"] for entry in sigmas)
-            near, far = sigmas[0]["depth_m"], sigmas[-1]["depth_m"]
-            sentences.append(
-                f"The maps are accurate to {worst:.2g} px or better from {near:g} to {far:g} m"
-                " (sigma)."
-            )
-        reasons = self.result["verdict"]["sentences"][1:]
-        omitted = len(reasons) - MAX_REASONS
-        shown = [
-            *reasons[:MAX_REASONS],
-            *(["One more reason is in the report."] if omitted == 1 else []),
-            *([f"{omitted} more reasons are in the report."] if omitted > 1 else []),
-        ]
-        notes = [f"Note: {note}" for note in self.result.get("notes", ())]
-        sentences = [*self._aside_note(), *self._update_note(), *shown, *notes, *sentences]
-        sentences += [self.result["noisier"]] if self.result.get("noisier") else []
-        if rejected := self.result["rejected"]:
-            suffix = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
-            sentences.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){suffix}.")
-        return ("\n" if self._on_phone else " ").join(map(harmless, sentences))
-
-    def _aside_note(self) -> Iterator[str]:
-        if (number := len(self._dropped)) == 1:
-            yield "1 view was set aside since this fit: f fits without it, z takes it back."
-        elif number:
-            yield (
-                f"{number} views were set aside since this fit: f fits without them, z takes one"
-                " back."
-            )
-
-    def _update_note(self) -> Iterator[str]:
-        if folder := updated_folder(Path(self.result["calibration"]).parent):
-            yield (
-                f"A check has brought this calibration up to date, into {folder.name}/: x exports"
-                " that."
-            )
-
     def _next_steps(self) -> str:
-        exports = "x for maps and straight pictures"
-        if self._trusted:
-            diagnosed = any(stage["name"] == "cover+rbf+effects" for stage in self.result["stages"])
-            is_known = diagnosed or self._is_faultless
-            return f"Press r for the report, {exports}{'' if is_known else ', e to find faults'}."
-        if self._forbidden:
-            return "Press r for the report, which says what to correct."
-        faults = "" if self._is_faultless else "e to find faults, "
-        return f"Press {faults}r for the report, {exports}."
+        return self._text.next_steps(is_faultless=self._is_faultless)
 
     def _line(self, view: Mapping[str, Any]) -> str:
         is_dropped = any(picture.file == view["file"] for picture in self._dropped)
-        worst = self.result["views"][0]["rms_px"]
-        bar = "dropped" if is_dropped else "█" * max(round(BAR_COLUMNS * view["rms_px"] / worst), 1)
-        return f"{harmless(view['file'])[-16:]:<16} {view['rms_px']:>6.3f} px {bar}"
+        return self._text.view_line(view, is_dropped=is_dropped)
 
     @on(OptionList.OptionHighlighted)
     def _show(self, event: OptionList.OptionHighlighted) -> None:
@@ -494,15 +381,16 @@ class ResultsScreen(Page):
     @on(ScreenResume)
     def _refresh_update(self) -> None:
         """Show the update if a check has just made one."""
-        notes = [*self._update_note()]
-        if notes and not self._update_shown:
-            self._say(notes[0])
-        self._update_shown = bool(notes)
+        note = self._text.update_note()
+        if note and not self._update_shown:
+            self._say(note)
+        self._update_shown = bool(note)
 
     def action_export(self) -> None:
         session = self.session
-        calibration = Path(self.result["calibration"])
-        note = EARLIER_FIT_NOTE if self._dropped else self._headline if self._forbidden else ""
+        text = self._text
+        calibration = text.calibration
+        note = EARLIER_FIT_NOTE if self._dropped else text.headline if text.is_forbidden else ""
         if folder := updated_folder(calibration.parent):
             session = folder
             calibration = folder / CALIBRATION
@@ -513,16 +401,16 @@ class ResultsScreen(Page):
         screen = ExportScreen(
             session,
             calibration,
-            self._depth,
-            self._boards,
+            text.depth,
+            text.boards,
             note=note,
-            in_air=not self._forbidden and self.result.get("medium") == AIR,
+            in_air=not text.is_forbidden and self.result.get("medium") == AIR,
             pictures=pictures,
         )
         self.app.push_screen(screen, lambda wrote: self._say(wrote) if wrote else None)
 
     def action_report(self) -> None:
-        calibration = Path(self.result["calibration"])
+        calibration = self._text.calibration
         replacement = (
             " anew, in place of the one that is there"
             if (calibration.parent / "report.html").exists()
@@ -547,21 +435,20 @@ class ResultsScreen(Page):
         self._say(message.sentence)
 
     def action_check(self) -> None:
+        text = self._text
         self.post_message(
-            self.CheckRequested(
-                self.session, Path(self.result["calibration"]), self._depth, self._boards
-            )
+            self.CheckRequested(self.session, text.calibration, text.depth, text.boards)
         )
 
     def action_effects(self) -> None:
-        screen = EffectsScreen(Path(self.result["calibration"]))
+        screen = EffectsScreen(self._text.calibration)
 
         def use(wanted: bool | None) -> None:
             if wanted:
                 self.app.switch_screen(ResultsScreen(self.session, screen.result, self.result))
             elif screen.result and not screen.result["accepted"]:
                 self._is_faultless = True
-                self.query_one("#onward", Static).update(self._next_steps())
+                self.query_one("#onward", Static).update(self._next_steps)
 
         self.app.push_screen(screen, use)
 
