@@ -44,8 +44,9 @@ def run_command(
         commands: modules with the texts SUMMARY (one line) and DESCRIPTION, and the functions
             `add_arguments(parser)` and `run(args)`, which returns an exit code, or None for 0. The
             help lists them in this order. A command has the name of its module, without
-            `_command` and with dashes. It may have EXAMPLES, command lines for its help, and QUIET,
-            the help of its --quiet.
+            `_command` and with dashes. It may have EXAMPLES, command lines for its help, QUIET, the
+            help of its --quiet, and COMMON, the options that its --help explains, with short
+            explanations: --help-all explains all of them.
         argv: the arguments; None for those of this process.
         groups: the same commands in groups, for the help of a program that has many. The commands
             then take --quiet.
@@ -125,6 +126,7 @@ def _parser(
             description="\n\n".join(texts if examples_of(command) else texts[:2]),
             formatter_class=Help,
             example=next(iter(examples_of(command)), ""),
+            common=getattr(command, "COMMON", None),
         )
         command.add_arguments(subparser)
         if groups:

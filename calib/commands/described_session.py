@@ -57,6 +57,20 @@ NO_COVER = (
 )
 """The remark on pictures that are described without a cover."""
 
+COMMON = {
+    "--board": "the board's inner corners, such as 9x6",
+    "--square-mm": "side of a square",
+    "--type": "checkerboard, charuco, aprilgrid, gridboard",
+    "--cover": "none, cone, cylinder, flat, dome, unknown",
+    "--radius": "inner radius; 40+-5 is 40 with a sigma of 5",
+    "--distance": "window: from the lens to its inner face",
+    "--thickness": "thickness of the glass",
+    "--index": "glass 1.52, acrylic 1.49",
+    "--outside-index": "air 1, water 1.333",
+    "--intrinsics": "the lens, or the file that OpenCV wrote",
+    "--lens": "opencv, fisheye, splined, auto",
+}
+"""The options on board, cover and camera that most people need, in a few words."""
 SMALL_BOARD_MM = 40.0
 """The width below which the unit is doubted: boards of centimetres are 40 mm and more."""
 SMALL_BOARD = (

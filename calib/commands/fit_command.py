@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_camera, add_depths, add_output, add_overwrite, effects
+from calib.commands.described_session import COMMON as DESCRIPTIONS
 from calib.commands.described_session import add_description, has_description, session_of
 from calib.commands.effect_names import effect_names_help
 from calib.commands.fit_options import add_fit_options, settings_of
@@ -31,6 +32,11 @@ EXAMPLES = (
     "calib fit pool --board 9x6 --square-mm 25 --cover flat --outside-index 1.333",
     "calib fit cam0 --depth 0.5 1",
 )
+COMMON = DESCRIPTIONS | {
+    "-o": "folder for the results: SESSION/calibration",
+    "--depth": "distances of the scene that maps are for",
+    "--effects": "auto: find causes of error, as diagnose does",
+}
 QUIET = "print the files and the verdict: no progress, no remarks and no tables"
 
 

@@ -11,6 +11,7 @@ from calib.commands.cover_options import (
     describe_usual,
     intrinsics_from_options,
 )
+from calib.commands.described_session import COMMON as DESCRIPTIONS
 from calib.commands.described_session import add_description
 from calib.errors import InputError
 
@@ -22,8 +23,9 @@ session.yaml, and pictures without the cover into SESSION/bare.
 """
 EXAMPLES = (
     "calib init cam0",
-    "calib init cam0 --board 9x6 --square-mm 25 --cover flat --distance 20+-5 --thickness 6",
+    "calib init cam0 --board 9x6 --square-mm 25 --cover flat --distance 20+-5",
 )
+COMMON = DESCRIPTIONS | {"--size": "size of the pictures, px"}
 SIZE = (1640, 1232)
 """px, the size of the pictures where there are none yet."""
 

@@ -1,9 +1,10 @@
 """The parser of a program with several commands: how it reads words, and what its help shows."""
 
 import argparse
+import copy
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from types import ModuleType
@@ -30,6 +31,11 @@ MISSING = ("the following arguments are required: ", "one of the arguments ")
 """The first words of argparse's messages on arguments that are missing."""
 SURPLUS = "unrecognized arguments: "
 """The first words of argparse's message on arguments that belong to nothing."""
+HELP_ALL = "--help-all"
+"""The option that explains every option of a command with many."""
+HELP_OPTIONS = {"--help": "explain these options", HELP_ALL: "explain every option"}
+OPTION_WIDTH = 32
+"""The column at which short explanations begin."""
 LONG_OPTION = re.compile(r"--[a-z][\w-]*", re.IGNORECASE)
 
 
@@ -74,14 +80,67 @@ class Parser(argparse.ArgumentParser):
     of an option: `--depth 0.5 1 SESSION`.
     """
 
-    def __init__(self, *args: Any, example: str = "", **settings: Any) -> None:
+    def __init__(
+        self,
+        *args: Any,
+        example: str = "",
+        common: Mapping[str, str] | None = None,
+        **settings: Any,
+    ) -> None:
         """Options are written in full: a misspelt one must not pass for the start of another.
 
         Args:
             example: a whole command, for the message on arguments that are missing.
+            common: the options that --help explains, each with a short explanation. --help names
+                the others, and --help-all explains all of them. None if --help explains all.
         """
         super().__init__(*args, **{"allow_abbrev": False, **settings})
         self._example = example
+        self._common = common
+        if common:
+            self.add_argument(HELP_ALL, action=_HelpAll, help="explain every option, and exit")
+
+    def format_help(self) -> str:
+        """Return the help of the common options, or of all options if none is named common."""
+        if self._common is None:
+            return super().format_help()
+        formatter = Help(self.prog, max_help_position=OPTION_WIDTH)
+        formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
+        formatter.add_text(self.description)
+        explained: list[argparse.Action] = []
+        rare: list[str] = []
+        for group in self._action_groups:
+            options = [action for action in group._group_actions if action.option_strings]
+            short = [self._shortened(action) for action in options]
+            explained += filter(None, short)
+            names = [
+                action.option_strings[-1]
+                for action, shown in zip(options, short, strict=True)
+                if shown is None
+            ]
+            if names:
+                rare.append(f"  {group.title}:  {' '.join(names)}")
+        formatter.start_section("common options")
+        formatter.add_arguments(explained)
+        formatter.end_section()
+        formatter.add_text("\n".join([f"more options, which {HELP_ALL} explains:", *rare]))
+        return formatter.format_help()
+
+    def format_full_help(self) -> str:
+        """Return the help of all options."""
+        return super().format_help()
+
+    def _shortened(self, action: argparse.Action) -> argparse.Action | None:
+        """Return a common option with its short explanation; None for every other option."""
+        short = HELP_OPTIONS | dict(self._common or {})
+        for option in action.option_strings:
+            if option in short:
+                shown = copy.copy(action)
+                shown.option_strings = [option]
+                shown.help = short[option]
+                shown.metavar = action.metavar or (action.dest.upper() if action.choices else None)
+                return shown
+        return None
 
     def error(self, message: str) -> NoReturn:
         """Print the message alone, and where the options are explained. An argument may hold any
@@ -207,6 +266,15 @@ class Parser(argparse.ArgumentParser):
         )
 
 
+class _HelpAll(argparse._HelpAction):
+    """The action of --help-all: it prints the help of all options and exits."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
+        assert isinstance(parser, Parser)
+        print(parser.format_full_help(), end="")
+        parser.exit()
+
+
 class Help(argparse.HelpFormatter):
     """A formatter that fills paragraphs to the terminal's width. A paragraph with an indented line,
     such as a list, keeps its lines; the last column of a line that is too long wraps within itself.
@@ -245,6 +313,11 @@ class Help(argparse.HelpFormatter):
 def _wrap_list(lines: str, width: int) -> str:
     columns = ((line, re.match(r" *\S.*?  +", line)) for line in lines.split("\n"))
     return "\n".join(
-        textwrap.fill(line, width, subsequent_indent=" " * (first.end() if first else 0))
+        textwrap.fill(
+            line,
+            width,
+            subsequent_indent=" " * (first.end() if first else 0),
+            break_on_hyphens=False,
+        )
         for line, first in columns
     )

@@ -3,11 +3,13 @@
 import re
 import shlex
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from calib import cli
 from calib.cli import main
+from calib.commands import fit_command, init_command
 from calib.commands.command_line import _parser
 from calib.commands.parser import command_name, examples_of
 from calib.commands.verdict_lines import print_verdict
@@ -32,6 +34,27 @@ def test_the_help_shows_groups_with_two_examples_each(capsys: pytest.CaptureFixt
             assert f"\n    {command_name(command)} " in text
     assert places == sorted(places)
     assert max(map(len, text.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("command", [fit_command, init_command], ids=command_name)
+def test_the_help_explains_the_common_options_and_names_the_others(
+    command: ModuleType, capsys: pytest.CaptureFixture[str]
+) -> None:
+    texts = []
+    for option in ("--help", "--help-all"):
+        with pytest.raises(SystemExit) as ended:
+            main([command_name(command), option])
+        assert ended.value.code == 0
+        texts.append(capsys.readouterr().out)
+    short, full = texts
+    assert len(short.splitlines()) <= 50
+    assert max(map(len, short.splitlines())) <= 80
+    options = set(re.findall(r"^  (?:-\w(?: \S+)?, )?(--[a-z-]+)", full, re.MULTILINE))
+    named = set(re.findall(r"(?<![\w-])(--[a-z-]+)", short)) | {"--output"}
+    assert len(options) > 20
+    assert options <= named
+    for option, text in command.COMMON.items():
+        assert re.search(rf"^  {option} .*  {re.escape(text)}$", short, re.MULTILINE)
 
 
 def test_help_is_a_command(capsys: pytest.CaptureFixture[str]) -> None:
@@ -136,7 +159,7 @@ def test_an_option_of_the_cover_has_the_words_of_each_shape(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(SystemExit):
-        main(["fit", "--help"])
+        main(["fit", "--help-all"])
     words = " ".join(capsys.readouterr().out.split())
     assert "--tilt DEG,DEG cone, cylinder: degrees of tilt, first about x" in words
     assert "flat: degrees of tilt, first about x" in words
