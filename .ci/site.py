@@ -35,6 +35,9 @@ CELL = re.compile(r"<td[^>]*>(.*?)</td>", re.DOTALL)
 ANY_CELL = re.compile(r"<t[dh][^>]*>(.*?)</t[dh]>", re.DOTALL)
 MANY_COLUMNS, LONG_ROW = 3, 100
 PHONE, LETTER, PADDING, NARROWEST = 300, 7.0, 34, 80  # px
+DENSE, SMALL_LETTER, SMALL_PADDING = 350, 6.2, 6  # px
+LONGEST_NUMBER = 11
+"""The letters of a cell of a table of numbers, such as 0.148, 12 % or (820, 1232)."""
 FEWEST, MOST = 42, 110
 """Columns: fewer have room on a phone, and more could not be read there."""
 TABULAR = re.compile(r"[│┃┏┡├└]|\S {2,}\S")
@@ -256,13 +259,15 @@ def on_page_content(html: str, **_: Any) -> str:
 
 def labelled(table: str) -> str:
     """A table of many columns with sentences, whose cells have the headings of their columns: on a
-    phone they stand below each other.
+    phone they stand below each other. A table of numbers stays a table there, with small letters.
     """
     headings = [re.sub("<[^>]+>", "", heading).strip() for heading in HEADING.findall(table)]
     longest = max(len(re.sub("<[^>]+>", "", row)) for row in ROW.findall(table))
     has_room = len(headings) < MANY_COLUMNS or longest < LONG_ROW
-    if has_room and width_of(table) < PHONE:
+    if has_room and width_of(table, LETTER, PADDING, NARROWEST) < PHONE:
         return table
+    if has_numbers(table) and width_of(table, SMALL_LETTER, SMALL_PADDING, 0) < DENSE:
+        return table.replace("<table>", "<table data-numbers>", 1)
 
     def row(match: re.Match[str]) -> str:
         labels = iter(headings)
@@ -273,7 +278,17 @@ def labelled(table: str) -> str:
     return ROW.sub(row, table.replace("<table>", "<table data-stacked>", 1))
 
 
-def width_of(table: str) -> float:
+def has_numbers(table: str) -> bool:
+    """True if every cell of a table is short, but for those of the first column."""
+    cells = [
+        re.sub("<[^>]+>", "", cell).strip()
+        for row in ROW.findall(table)
+        for cell in CELL.findall(row)[1:]
+    ]
+    return bool(cells) and all(len(cell) <= LONGEST_NUMBER for cell in cells)
+
+
+def width_of(table: str, letter: float, padding: float, narrowest: float) -> float:
     """The px that a table needs at least: those of the longest word of each column, and of its
     padding.
     """
@@ -285,7 +300,7 @@ def width_of(table: str) -> float:
     longest = [
         max((len(word) for cell in column for word in cell), default=0) for column in columns
     ]
-    return sum(max(LETTER * length + PADDING, NARROWEST) for length in longest)
+    return sum(max(letter * length + padding, narrowest) for length in longest)
 
 
 def sized(block: str) -> str:
