@@ -15,6 +15,7 @@ BESIDE = {
     "extras",
     "version",
     "progress",
+    "rounding",
     "table",
     "threads",
     "fit_record",

@@ -17,7 +17,7 @@ import capture
 LAYERS = {
     "calib": (
         ("errors", "extras", "version"),
-        ("progress", "table", "threads"),
+        ("progress", "rounding", "table", "threads"),
         ("io",),
         ("session",),
         ("corners", "fringes"),

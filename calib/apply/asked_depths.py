@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from calib.apply.map_uncertainty import map_sigmas
+from calib.apply.map_uncertainty import describe_sigmas, map_sigmas
 from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.fitting.corner_range import corners_at, distance_range
@@ -83,8 +83,7 @@ def describe_unsupported(calibration: Calibration, depths: Iterable[float]) -> I
 
 def _expected_error(calibration: Calibration, depths: list[float]) -> str:
     """Return a sentence on the standard deviation of the maps at these depths, m; "" without it."""
-    sigmas = map_sigmas(calibration, depths)
-    listed = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in sigmas.items())
+    listed = describe_sigmas(map_sigmas(calibration, depths))
     return f" Expected error of the maps (sigma): {listed}." if listed else ""
 
 

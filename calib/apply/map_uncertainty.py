@@ -10,7 +10,7 @@ their rays, as if the camera looked straight at each corner.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
@@ -30,6 +30,7 @@ from calib.fitting.corner_range import corners_at
 from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
 from calib.optics.rotation import onto_z
+from calib.rounding import two_digits
 from calib.threads import single_thread
 from calib.undistortion.depth_map import DepthMap
 from calib.undistortion.remap import remap
@@ -105,7 +106,13 @@ def predicted_sigma(calibration: Calibration) -> SigmaField | None:
             len(pixels), 2, 2, -1
         )  # (N, A or B, x or y, S)
     at_infinity, parallax = spread[:, 0], spread[:, 1]
-    variance = np.stack(
+    variance = _coefficients(at_infinity, parallax)
+    return SigmaField(nodes_x, nodes_y, variance.reshape(len(nodes_y), len(nodes_x), 3))
+
+
+def _coefficients(at_infinity: Array, parallax: Array) -> Array:
+    """Return the (N, 3) coefficients of `SigmaField.variance` from (N, 2, S) errors of A and B."""
+    return np.stack(
         [
             (at_infinity**2).sum((1, 2)),
             2 * (at_infinity * parallax).sum((1, 2)),
@@ -113,7 +120,16 @@ def predicted_sigma(calibration: Calibration) -> SigmaField | None:
         ],
         -1,
     )
-    return SigmaField(nodes_x, nodes_y, variance.reshape(len(nodes_y), len(nodes_x), 3))
+
+
+def corner_variances(calibration: Calibration) -> Array:
+    """Return the (n, 3) coefficients of `SigmaField.variance` at the corners over which
+    `map_sigmas` takes its median; (0, 3) if the fit has no covariance.
+    """
+    errors = _corner_errors(calibration)
+    if not errors.size:
+        return np.zeros((0, 3))
+    return _coefficients(errors[:, :2], errors[:, 2:])
 
 
 def map_sigmas(calibration: Calibration, depths: Sequence[float]) -> dict[float, float]:
@@ -128,6 +144,11 @@ def map_sigmas(calibration: Calibration, depths: Sequence[float]) -> dict[float,
         depth: float(np.nanmedian(np.sqrt((map_errors**2).sum((1, 2)))))
         for depth, map_errors in errors_by_depth.items()
     }
+
+
+def describe_sigmas(sigmas: Mapping[float, float]) -> str:
+    """Return the standard deviations of maps in px by depth in m as text, each with two digits."""
+    return ", ".join(f"{two_digits(sigma)} px at {depth:g} m" for depth, sigma in sigmas.items())
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

@@ -7,7 +7,7 @@ from enum import Enum
 
 from calib.checking.significance import ALPHA
 from calib.corners.view import RejectedPicture
-from calib.fitting.rounding import with_sigma
+from calib.rounding import with_sigma
 
 
 class CheckStatus(Enum):

@@ -15,10 +15,10 @@ from calib.checking.significance import ALPHA
 from calib.checking.update import NumberUpdate
 from calib.commands.program import runnable_command
 from calib.errors import harmless
-from calib.fitting.rounding import with_sigma
 from calib.intrinsics.calibrate import MIN_BARE_POSES
 from calib.io.images import frames_folder, list_images
 from calib.io.shell import shell_line
+from calib.rounding import with_sigma
 from calib.verdict.judge import judge
 from calib.verdict.verdict import Trust, uncapitalised
 

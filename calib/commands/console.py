@@ -14,7 +14,7 @@ from rich.progress import (
 from rich.table import Column, Table
 
 from calib.apply.angular_reach import undistortion_limit
-from calib.apply.map_uncertainty import map_sigmas
+from calib.apply.map_uncertainty import describe_sigmas, map_sigmas
 from calib.calibration import Calibration
 from calib.calibration_content import Stage
 from calib.corners.copies import describe_still
@@ -138,11 +138,10 @@ def _maps(calibration: Calibration) -> Iterator[str]:
     except InputError:  # corners lie behind the camera: the verdict says so
         return
     if sigmas:
-        listed = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in sigmas.items())
         near, far = distance_range(corners_at(calibration)[:, 2])
         yield (
-            f"Expected error of the maps (sigma), where the board was: {listed}. The boards"
-            f" support maps for {describe_trusted(near, far)}."
+            f"Expected error of the maps (sigma), where the board was: {describe_sigmas(sigmas)}."
+            f" The boards support maps for {describe_trusted(near, far)}."
         )
 
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.errors import harmless
-from calib.fitting.rounding import with_sigma
+from calib.rounding import with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
 from calib.session.fleet_prior import FleetPrior
 from calib.session.numbers import numbers_of
@@ -35,7 +35,7 @@ def print_prior(prior: FleetPrior, written: Path) -> None:
         sigma = number.sigma * per_si
         table.add_row(
             name,
-            f"{declared.value * per_si:.6g} ± {tolerance:.2g} {unit}".rstrip(),
+            f"{with_sigma(declared.value * per_si, tolerance)} {unit}".rstrip(),
             f"{with_sigma(number.value * per_si, sigma)} {unit}".rstrip(),
             f"{100 * sigma / tolerance:.0f} %",
         )

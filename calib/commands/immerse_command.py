@@ -27,6 +27,7 @@ from calib.commands.loading import fast_imports
 from calib.errors import InputError
 from calib.io.numerals import depth_text
 from calib.io.shell import shell_line
+from calib.rounding import with_sigma
 from calib.session.dispersion import Dispersion
 
 if TYPE_CHECKING:
@@ -307,10 +308,10 @@ def _print(
 
     console = Console()
     index = immersion.medium
-    spread = f" ± {index.sigma:.2g}" if index.sigma else ""
     if immersion.after_px:
+        outside = with_sigma(index.value, index.sigma)
         console.print(
-            f"Expected error of the maps (sigma), outside index {index.value:.5g}{spread}:",
+            f"Expected error of the maps (sigma), outside index {outside}:",
             highlight=False,
         )
         original = f"{medium.value:.5g}" if medium else "before"

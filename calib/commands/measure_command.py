@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from calib.commands.arguments import add_calibration, check_order, depth, positive_number
 from calib.commands.loading import fast_imports
 from calib.errors import NotEnoughDataError, brief, harmless
+from calib.rounding import with_sigma
 
 if TYPE_CHECKING:
     from calib.apply.measure import MeasuredPoints
@@ -142,7 +143,7 @@ def _print(names: list[str], measured: "MeasuredPoints", frame: str, noise_px: f
     from rich.text import Text
 
     console = Console()
-    title = f"In the {frame} frame, metres ± sigma"
+    title = f"In the {frame} frame, mm ± sigma"
     table = Table(
         "point",
         "x",
@@ -181,14 +182,11 @@ def _print(names: list[str], measured: "MeasuredPoints", frame: str, noise_px: f
 
 
 def _cell(metres: float, sigma: float) -> str:
-    """Return the number ± sigma, rounded so that sigma has one digit, or two digits if the first is
-    a 1. A given coordinate has no sigma.
-    """
+    """Return the length in mm ± sigma. A declared coordinate has no sigma."""
     if not (math.isfinite(metres) and math.isfinite(sigma)):
         return "-"
     if sigma <= 0:
-        return f"{metres:g}"
+        return f"{1000 * metres:g}"
     if sigma < NO_SIGMA:
-        return f"{metres:.9f}".rstrip("0").rstrip(".")
-    digits = max(0, min(9, -math.floor(math.log10(sigma / 2))))
-    return f"{metres:.{digits}f} ± {sigma:.{digits}f}"
+        return f"{1000 * metres:.6f}".rstrip("0").rstrip(".")
+    return with_sigma(1000 * metres, 1000 * sigma)

@@ -15,6 +15,7 @@ from calib.commands.arguments import (
 )
 from calib.commands.loading import fast_imports
 from calib.errors import brief, harmless
+from calib.rounding import to_digit_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -187,15 +188,11 @@ def _print(pictures: "Sequence[TagPicture]") -> None:
                         if tag.ambiguous
                         else str(tag.number)
                     )
-                    position, position_sigma = _rounded(
-                        (1000 * pose.position).tolist(),
-                        1000 * float(pose.sigma[3:].max()),
-                        max_digits=3,
+                    *position, position_sigma = _rounded(
+                        (1000 * pose.position).tolist(), 1000 * float(pose.sigma[3:].max())
                     )
-                    rotation, rotation_sigma = _rounded(
-                        np.degrees(pose.rotation).tolist(),
-                        math.degrees(pose.sigma[:3].max()),
-                        max_digits=2,
+                    *rotation, rotation_sigma = _rounded(
+                        np.degrees(pose.rotation).tolist(), math.degrees(pose.sigma[:3].max())
                     )
                     table.add_row(
                         name,
@@ -209,14 +206,9 @@ def _print(pictures: "Sequence[TagPicture]") -> None:
         _print_remarks(console, picture)
 
 
-def _rounded(numbers: list[float], sigma: float, max_digits: int) -> tuple[list[str], str]:
-    """Return the numbers, rounded to the first digit of their largest sigma and to at most
-    `max_digits` decimals, and this sigma.
-    """
-    digits = max(0, min(max_digits, -math.floor(math.log10(sigma / 2))))
-    return [f"{number:.{digits}f}" for number in numbers], (
-        f"{sigma:.1g}" if sigma < 1 else f"{sigma:.0f}"
-    )
+def _rounded(numbers: list[float], sigma: float) -> list[str]:
+    """Return the numbers and their largest sigma, rounded to its second digit."""
+    return [to_digit_of(number, sigma) for number in (*numbers, sigma)]
 
 
 def _print_remarks(console: "Console", picture: "TagPicture") -> None:

@@ -14,9 +14,9 @@ from calib.checking.significance import ALPHA
 from calib.commands.check_lines import error_words, p_text
 from calib.commands.program import runnable_command
 from calib.errors import harmless
-from calib.fitting.rounding import with_sigma
 from calib.io.shell import shell_line, shell_path
 from calib.rig.check_result import CONTRADICTION, RigCheckResult
+from calib.rounding import with_sigma
 
 MIN_PLACEMENTS = 3
 """The fewest placements that a check should have."""

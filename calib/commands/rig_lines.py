@@ -16,6 +16,7 @@ from calib.rig.evaluate_rig import RigEvaluation
 from calib.rig.rectify import RectifiedPair
 from calib.rig.rig import Rig
 from calib.rig.rig_content import RejectedView
+from calib.rounding import with_sigma
 
 MAX_LISTED = 3
 """The most turned views that a sentence names."""
@@ -99,8 +100,8 @@ def print_rig(rig: Rig, seconds: float) -> None:
     for baseline in rig.baselines:
         _print(
             console,
-            f"{baseline.first} to {baseline.second}: {1000 * baseline.metres:.3f} ±"
-            f" {1000 * baseline.sigma:.3f} mm.",
+            f"{baseline.first} to {baseline.second}:"
+            f" {with_sigma(1000 * baseline.metres, 1000 * baseline.sigma)} mm.",
         )
     for name, views in rig.record.turned.items():
         listed = ", ".join(views[:MAX_LISTED]) + " ..." * (len(views) > MAX_LISTED)
@@ -198,11 +199,12 @@ def print_depth(picture: DepthPicture) -> None:
     if not measured.any():
         _print(console, "No pixel has a match: search other depths, or light the scene.")
         return
+    depth = float(np.median(picture.depth[measured]))
+    sigma = float(np.median(picture.sigma[measured]))
     _print(
         console,
         f"{100 * measured.mean():.0f} % of the pixels have a depth, in the middle"
-        f" {np.median(picture.depth[measured]):.3f} m ±"
-        f" {1000 * np.median(picture.sigma[measured]):.1f} mm.",
+        f" {with_sigma(depth, sigma)} m.",
     )
 
 

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from calib.commands.program import runnable_command
 from calib.errors import harmless
-from calib.verdict.next_commands import NEW_FILM
+from calib.verdict.next_commands import HOLDOUT, NEW_FILM
 from calib.verdict.verdict import Trust, Verdict
 
 COLOURS = {Trust.TRUSTED: "green", Trust.CARE: "yellow", Trust.DO_NOT_USE: "red"}
@@ -48,7 +48,7 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
         commands = [command for command in further if command != verdict.next]
         for place, command in enumerate(commands):
             console.print(harmless(f"{'     ' if place else 'Then:'} {runnable_command(command)}"))
-    if any("HOLDOUT" in command.split() for command in (verdict.next, *commands)):
+    if any(HOLDOUT in command.split() for command in (verdict.next, *commands)):
         is_rig = verdict.next.startswith("calib rig ")
         console.print(RIG_HOLDOUT_NOTE if is_rig else HOLDOUT_NOTE)
     if NEW_FILM in verdict.next.split():

@@ -12,8 +12,8 @@ from calib.fit_record.history import Family, Quality, fit_names
 from calib.fitting.declared import PREFIXES
 from calib.fitting.differing import Differing
 from calib.fitting.evaluate import Evaluation
-from calib.fitting.rounding import with_sigma
 from calib.inference.residual_structure import VarianceShare
+from calib.rounding import with_sigma
 from calib.table import Table, TableSection
 
 

@@ -15,7 +15,6 @@ from calib.effects.fine_surface import FineSurface
 from calib.effects.free_field import FreeField
 from calib.effects.varying import VARYING_NUMBERS, WITH_TIME, CameraOfView, Varying
 from calib.fit_record.history import Family
-from calib.fitting.rounding import with_sigma
 from calib.inference.effect_context import point_on_glass
 from calib.inference.fitted_model import FittedModel
 from calib.inference.residual_structure import ORGANISER_WORDS, VarianceShare
@@ -23,6 +22,7 @@ from calib.inference.score_test import ScoreTest
 from calib.io.numerals import counted
 from calib.optics.relief import Bump
 from calib.planning.hints import placement_hint
+from calib.rounding import with_sigma
 
 ABSORBED = 0.95
 """The fraction of an effect that the fitted parameters can imitate above which it is absorbed."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from calib.calibration import Calibration
 from calib.effects.effect import EffectParameter
 from calib.estimation.prior_conflict import CONFLICT_THRESHOLD, MIN_SPREAD
-from calib.fitting.rounding import to_digit_of, with_sigma
+from calib.rounding import to_digit_of, with_sigma
 from calib.session.camera import COEFFICIENT, PINHOLE
 from calib.session.deviation import independent_deviation, normalised_deviation
 from calib.session.parameter_names import CAMERA
@@ -126,8 +126,10 @@ class Comparison:
         """Return the declared value with tolerance and unit, as text."""
         if self.unknown:
             return UNKNOWN
-        tolerance = f" ± {self.tolerance:.2g}" if self.tolerance else ""
-        return f"{self.declared:.6g}{tolerance} {self.unit}".rstrip()
+        value = (
+            with_sigma(self.declared, self.tolerance) if self.tolerance else f"{self.declared:.6g}"
+        )
+        return f"{value} {self.unit}".rstrip()
 
     @property
     def estimated(self) -> str:

@@ -210,7 +210,7 @@ def _row(number: Comparison) -> tuple[str, ...]:
     is_compared = not number.held and not number.unknown
     difference = _deviation(number) if is_compared else None
     is_far = difference is not None and difference >= NOTABLE_DIFFERENCE
-    words = f"{difference:.1f} tolerances" if is_far else ""
+    words = f"{difference:.1f} × tolerance" if is_far else ""
     estimated = number.estimated
     if number.held:  # with the digits of the declared one
         estimated = f"{number.estimate:.6g} {number.unit}".rstrip()

@@ -11,10 +11,10 @@ from scipy.stats import norm
 
 from calib.checking.result import CheckStatus
 from calib.errors import harmless
-from calib.fitting.rounding import with_sigma
 from calib.fleet.control import ALPHA, Chart, charts
 from calib.fleet.manifest import Entry
 from calib.fleet.result import JobState, Result
+from calib.rounding import with_sigma
 from calib.session.parameter_names import CAMERA
 from calib.verdict.unit_words import unit_doubts
 from calib.verdict.verdict import Trust

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from html import escape
 from importlib.resources import files
 
-from calib.fitting.rounding import with_sigma
 from calib.fleet.charts import (
     chart_data,
     chart_svg,
@@ -26,6 +25,7 @@ from calib.io.numerals import counted
 from calib.report.page import PageSection, document
 from calib.report.payload import Data
 from calib.report.scripts import FLEET, Scripts
+from calib.rounding import with_sigma
 from calib.table import html_table
 from calib.verdict.verdict import Trust
 

@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
+from calib.apply.map_uncertainty import map_sigmas
 from calib.plots.style import (
     FAINT,
     INK,
@@ -22,6 +23,7 @@ from calib.report.displacement import Displacement, lattice
 from calib.report.distortion import NODES, contour_levels, shown_depths
 from calib.report.evidence import Array, Evidence
 from calib.report.sigma import MAX_PANELS
+from calib.rounding import two_digits
 
 ARROWS = (15, 11)
 CONTOURS = 5
@@ -143,6 +145,7 @@ def sigma_figure(evidence: Evidence) -> Figure | None:
         return None
     camera, depths = evidence.calibration.camera, evidence.depths[:MAX_PANELS]
     sigmas = [evidence.sigma_at_nodes(depth) for depth in depths]
+    medians = map_sigmas(evidence.calibration, depths)
     panel = panel_size(camera.width / camera.height, 2.7 if len(depths) > 2 else 4.0)
     limit = max(float(np.nanquantile(sigma, 0.98)) for sigma in sigmas)
 
@@ -157,8 +160,7 @@ def sigma_figure(evidence: Evidence) -> Figure | None:
                 field.nodes_x, field.nodes_y, sigma, levels, colors=[INK], linewidths=0.8
             )
             label_lines(axes, lines, "%.3g", 8)
-            median = np.nanmedian(evidence.sigma_at_corners(depth))
-            axes.set_title(f"at {depth:g} m: {median:.2g} px at the corners")
+            axes.set_title(f"at {depth:g} m: {two_digits(medians[depth])} px at the corners")
         for axes in panels[1:]:
             axes.set(ylabel="", yticklabels=[])
         colour_bar(shown, panels[-1], "px", extend="max")

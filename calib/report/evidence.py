@@ -26,6 +26,7 @@ from calib.fitting.supported_depths import FAR
 from calib.optics.build import pinhole_path
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.rounding import two_digits
 from calib.session.camera import Intrinsics
 from calib.session.lens import OPENCV
 from calib.undistortion.ray_field import RayField
@@ -157,16 +158,7 @@ class Evidence:
         x, y = self.sigma.nodes_x[column], self.sigma.nodes_y[row]
         region = picture_region(float(x) / camera.width, float(y) / camera.height)
         depth = f" at {depths[int(layer)]:g} m" if len(depths) > 1 else ""
-        return f"{np.nanmax(fields):.2g} px {region}{depth}"
-
-    def sigma_at_corners(self, depth: float) -> Array:
-        """Return (n,) px, the standard deviation of the map of a depth (m) at the training corners
-        that figures show; empty without a covariance.
-        """
-        if not self.sigma:
-            return np.zeros(0)
-        sigma = self.sigma.at(self.pixels[:, :1], self.pixels[:, 1:], depth)[:, 0]
-        return sigma[np.isfinite(sigma) & self.shows(self.pixels)].astype(np.float64)
+        return f"{two_digits(np.nanmax(fields))} px {region}{depth}"
 
 
 def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) -> Evidence:

@@ -1,15 +1,9 @@
 """A figure of the page: its data, its title and its caption. The page's scripts draw it."""
 
 from dataclasses import dataclass
-from decimal import Decimal
 from html import escape
 
 from calib.report.payload import Data
-
-
-def two_digits(value: float) -> str:
-    """Return a number as text with two significant digits, and without an exponent."""
-    return f"{Decimal(f'{value:.2g}'):f}"
 
 
 @dataclass(frozen=True, slots=True)

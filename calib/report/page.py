@@ -22,8 +22,8 @@ NOTHING_FROM_OUTSIDE = (
 
 COPIED = r"<(pre|code|b)\b.*?</\1>|<[^>]*>"
 """Tags, and elements whose spaces people copy: commands, and names of files."""
-UNITS = "px|mm|µm|m|cm|mrad|rad|deg|ms|s|times|tolerances"
-IN_NUMBER = rf"(?<=\d) (?=(?:{UNITS})\b|%|±)|(?<=±) (?=[\d-])"
+UNITS = "px|mm|µm|m|cm|mrad|rad|deg|ms|s|times"
+IN_NUMBER = rf"(?<=\d) (?=(?:{UNITS})\b|%|±|×)|(?<=±) (?=[\d-])|(?<=×) (?=tolerance)"
 """The spaces between a number, its standard deviation and its unit."""
 NO_BREAK = "\N{NO-BREAK SPACE}"
 

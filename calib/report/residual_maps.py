@@ -9,9 +9,10 @@ import numpy as np
 from calib.estimation.noise import on_board_grid, short_scale_noise
 from calib.fitting.corner_range import CELLS
 from calib.report.evidence import Array, Evidence
-from calib.report.figure import Drawing, two_digits
+from calib.report.figure import Drawing
 from calib.report.patterns import GroupMeans, over_board, over_image
 from calib.report.payload import Data
+from calib.rounding import two_digits
 
 BANDS = 10
 """The number of depth bands, which hold equally many corners."""

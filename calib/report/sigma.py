@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from calib.apply.map_uncertainty import corner_variances
 from calib.report.evidence import Evidence
 from calib.report.figure import Drawing
 
@@ -34,6 +35,7 @@ def predicted_errors(evidence: Evidence) -> Drawing | None:
             "x": field.nodes_x,
             "y": field.nodes_y,
             "variance": np.where(evidence.shows(nodes)[..., None], field.variance, np.nan),
+            "atCorners": corner_variances(evidence.calibration),
             "depths": depths,
             "reach": [near, far],
             "limit": max(

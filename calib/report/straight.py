@@ -16,6 +16,7 @@ from calib.report.board_lines import BoardLine, distance_to_fit, grid_lines
 from calib.report.evidence import Array, Evidence
 from calib.report.pictures import data_url, picture_of, read_small
 from calib.report.strip import strips_html
+from calib.rounding import two_digits
 from calib.undistortion.window import Window
 
 WIDTH = 640
@@ -169,14 +170,15 @@ def _html(
             [line.distorted for line in lines],
             [line.corners for line in lines],
             urls[0],
-            f"As taken: rows of corners bend by up to {most_bent.bend:.2g} px.",
+            f"As taken: rows of corners bend by up to {two_digits(most_bent.bend)} px.",
         ),
         _panel(
             evidence,
             [frame.place(line.undistorted) for line in lines],
             [frame.place(line.undistorted_corners) for line in lines],
             urls[1],
-            f"Undistorted: the corners of this view are {rms:.2g} px (RMS) off straight lines.",
+            f"Undistorted: the corners of this view are {two_digits(rms)} px (RMS) off straight"
+            " lines.",
         ),
     ]
     name = escape(evidence.calibration.views[view].name)

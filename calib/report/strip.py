@@ -11,6 +11,7 @@ import numpy as np
 from calib.report.board_lines import BoardLine
 from calib.report.evidence import Array, Evidence
 from calib.report.pictures import data_url
+from calib.rounding import two_digits
 
 WIDTH, HEIGHT = 960, 150
 """px, of a strip."""
@@ -114,13 +115,13 @@ def strips_html(evidence: Evidence, line: BoardLine, picture: np.ndarray | None)
             images[0],
             line.distorted,
             line.corners,
-            f"As taken: the row bends by {line.bend:.2g} px.",
+            f"As taken: the row bends by {two_digits(line.bend)} px.",
         )
         + undistorted.html(
             images[1],
             line.undistorted,
             line.undistorted_corners,
-            f"Undistorted: its corners are {line.rms:.2g} px (RMS) off a straight line.",
+            f"Undistorted: its corners are {two_digits(line.rms)} px (RMS) off a straight line.",
         )
         + f"</div><p>The row or column of corners that bends most{enlarged}, with more contrast."
         " Blue: a straight line. Orange: the row by the model, and the detected corners.</p>"

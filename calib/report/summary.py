@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.apply.angular_reach import undistortion_limit
-from calib.apply.map_uncertainty import map_sigmas
+from calib.apply.map_uncertainty import describe_sigmas, map_sigmas
 from calib.calibration import Calibration
 from calib.fitting.declared import comparisons
 from calib.fitting.description import describe_bend
@@ -164,10 +164,7 @@ def _coverage(evidence: Evidence) -> str:
             "Outside of the corners the maps are extrapolated. This kind of fit does not predict"
             " the uncertainty of the maps."
         )
-    at_corners = ", ".join(
-        f"{sigma:.2g} px at {depth:g} m"
-        for depth, sigma in map_sigmas(evidence.calibration, evidence.depths).items()
-    )
+    at_corners = describe_sigmas(map_sigmas(evidence.calibration, evidence.depths))
     return (
         f"The boards support maps for {describe_trusted(*evidence.reach)}. Their expected error is"
         f" {at_corners} (median over the corners), and at most"

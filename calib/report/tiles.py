@@ -7,6 +7,7 @@ from html import escape
 from calib.apply.map_uncertainty import map_sigmas
 from calib.fitting.declared import VIEWS, Comparison, comparisons
 from calib.report.evidence import Evidence
+from calib.rounding import two_digits
 from calib.session.parameter_names import CAMERA
 
 
@@ -64,7 +65,9 @@ def _maps(evidence: Evidence) -> Iterator[Tile]:
     depth = evidence.depths[len(evidence.depths) // 2]
     sigma = map_sigmas(evidence.calibration, [depth])[depth]
     worst = evidence.worst_sigma([depth])
-    yield Tile(f"expected error of the map at {depth:g} m", f"{sigma:.2g} px", f"at most {worst}")
+    yield Tile(
+        f"expected error of the map at {depth:g} m", f"{two_digits(sigma)} px", f"at most {worst}"
+    )
 
 
 def _scale(evidence: Evidence) -> Iterator[Tile]:

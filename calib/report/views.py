@@ -12,8 +12,8 @@ import numpy as np
 
 from calib.report.corners import relative_errors, shown_corners
 from calib.report.evidence import Evidence
-from calib.report.figure import two_digits
 from calib.report.pictures import data_url, picture_of, read_small
+from calib.rounding import two_digits
 
 THUMBNAIL_WIDTH = 480
 """The largest width of a thumbnail in px."""

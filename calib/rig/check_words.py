@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from calib.checking.changes import WORDS, size_of
 from calib.checking.naming import probable_explanations
 from calib.checking.result import Change
-from calib.fitting.rounding import with_sigma
 from calib.rig.check_result import RigChange
 from calib.rig.moved_cameras import BAD_PLACEMENT, KINDS, RigHypothesis
+from calib.rounding import with_sigma
 
 Array = NDArray[np.float64]
 

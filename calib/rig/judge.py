@@ -12,15 +12,16 @@ from scipy.special import chdtri
 from calib.corners.copies import count_fitted
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
-from calib.fitting.rounding import with_sigma
 from calib.io.shell import shell_path
 from calib.rig.evaluate_rig import RigEvaluation
 from calib.rig.held_out_placements import MIN_SHARED as MIN_DIAGNOSED
 from calib.rig.rig import Rig
 from calib.rig.rig_content import Baseline
 from calib.rig.rig_effects import RIG_FLEX, RIG_SLIP
+from calib.rounding import with_sigma
 from calib.session.deviation import independent_deviation
 from calib.verdict.judge import judge
+from calib.verdict.next_commands import HOLDOUT, held_out_folder
 from calib.verdict.thresholds import HELD_OUT_ELSEWHERE, MIN_ELSEWHERE
 from calib.verdict.verdict import Reason, Trust, Verdict, uncapitalised
 
@@ -96,7 +97,8 @@ def judge_rig(
     case = RigCase(rig, folder or source.parent / "calibration", source, evaluation)
     reasons = tuple(reason for check in RIG_CHECKS for reason in check(case))
     place = shell_path(case.folder)
-    command = f"calib rig evaluate {place} HOLDOUT"
+    held_out = None if evaluation else held_out_folder([source.parent])
+    command = f"calib rig evaluate {place} {shell_path(held_out) if held_out else HOLDOUT}"
     if evaluation and evaluation.lengths:
         band = evaluation.lengths[len(evaluation.lengths) // 2]
         depth = (band.from_m + band.to_m) / 2
@@ -143,9 +145,9 @@ def contradicted_baseline(case: RigCase) -> Iterator[Reason]:
     estimated = with_sigma(1000 * baseline.metres, 1000 * baseline.sigma)
     yield Reason(
         f"the distance from {baseline.first} to {baseline.second} is {estimated} mm by the pictures"
-        f" alone, and rig.yaml says {1000 * number.value:g} ± {1000 * number.sigma:g} mm: measure"
-        " it again, from pinhole to pinhole, and measure a square of the board, which the scale"
-        " comes from.",
+        f" alone, and rig.yaml says {with_sigma(1000 * number.value, 1000 * number.sigma)}"
+        " mm: measure it again, from pinhole to pinhole, and measure a square of the board, which"
+        " the scale comes from.",
         case.fit_command,
     )
 
@@ -198,9 +200,10 @@ def _describe_same_camera(rig: Rig, baseline: Baseline) -> str:
         )
     if _is_same_place(rig, baseline):
         return (
-            f"{first} and {second} stand at the same place, {1000 * baseline.metres:.2f} ±"
-            f" {1000 * baseline.sigma:.2f} mm apart and not turned, as one camera does whose"
-            " pictures were taken twice: give each camera its own pictures."
+            f"{first} and {second} stand at the same place,"
+            f" {with_sigma(1000 * baseline.metres, 1000 * baseline.sigma)} mm apart and not turned,"
+            " as one camera does whose pictures were taken twice: give each camera its own"
+            " pictures."
         )
     return ""
 
@@ -239,7 +242,7 @@ def uncertain_baselines(case: RigCase) -> Iterator[Reason]:
         if is_uncertain and not _describe_same_camera(case.rig, baseline):
             yield Reason(
                 f"the distance from {baseline.first} to {baseline.second} is"
-                f" {1000 * baseline.metres:.2f} ± {1000 * baseline.sigma:.2f} mm: add pictures of"
+                f" {with_sigma(1000 * baseline.metres, 1000 * baseline.sigma)} mm: add pictures of"
                 " the board near and tilted, which both see.",
                 case.fit_command,
             )

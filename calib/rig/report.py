@@ -21,6 +21,7 @@ from calib.report.scene import session_in_space, surface_meshes, ways
 from calib.report.scripts import RIG, Scripts
 from calib.report.write import NAME, page_data
 from calib.rig.rig import Rig
+from calib.rounding import with_sigma
 from calib.table import html_table
 from calib.threads import single_thread
 from calib.verdict.verdict import Verdict
@@ -133,7 +134,7 @@ def _baselines_html(rig: Rig) -> str:
     rows = [
         (
             f"{escape(baseline.first)} to {escape(baseline.second)}",
-            f"{1000 * baseline.metres:.3f} &plusmn; {1000 * baseline.sigma:.3f} mm",
+            f"{with_sigma(1000 * baseline.metres, 1000 * baseline.sigma)} mm",
         )
         for baseline in rig.baselines
     ]

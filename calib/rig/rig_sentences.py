@@ -10,7 +10,6 @@ import numpy as np
 
 from calib.diagnosis.finding import ParameterEstimate
 from calib.effects.effect import EACH_VIEW
-from calib.fitting.rounding import with_sigma
 from calib.rig.board_motion import MAX_INTERVAL, MIN_BURST
 from calib.rig.check_words import size_and_sigma
 from calib.rig.explanation_fit import FittedExplanation
@@ -18,6 +17,7 @@ from calib.rig.moved_cameras import KINDS
 from calib.rig.rig_content import FoundEffect
 from calib.rig.rig_context import RigContext
 from calib.rig.rig_effects import LATENESS, RIG_FLEX, RIG_SLIP, SYNC_OFFSET
+from calib.rounding import with_sigma
 
 UNTIMED = (
     "Whether a camera exposes later by a constant time cannot be told:"

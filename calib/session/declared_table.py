@@ -1,5 +1,6 @@
 """The numbers that a session declares, as a table for a notebook."""
 
+from calib.rounding import with_sigma
 from calib.session.board import Board
 from calib.session.camera import COEFFICIENT, PINHOLE, Camera
 from calib.session.cover import Cover
@@ -51,5 +52,6 @@ def _text(quantity: Quantity, number: Number, unit: str = "") -> str:
         return UNKNOWN
     if number.exact:
         return f"{number.value * per_si:.6g} (exact) {unit}".rstrip()
-    sigma = f" ± {number.sigma * per_si:.2g}" if number.sigma else ""
-    return f"{number.value * per_si:.6g}{sigma} {unit}".rstrip()
+    value, sigma = number.value * per_si, number.sigma * per_si
+    text = with_sigma(value, sigma) if sigma else f"{value:.6g}"
+    return f"{text} {unit}".rstrip()

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from calib.rounding import with_sigma
 from calib.session.board import Board
 from calib.session.coding import AprilGrid
 from calib.session.cover import Cover
@@ -86,7 +87,7 @@ def board_size(case: Case) -> Iterator[Reason]:
     if board.square_sigma is not None and board.relative_sigma > UNSURE_SQUARE:
         sentence = (
             f"{key} is known to {100 * board.relative_sigma:.2g} % only"
-            f" ({1e3 * board.square:.4g} ± {1e3 * board.square_sigma:.2g} mm), and so is every"
+            f" ({with_sigma(1e3 * board.square, 1e3 * board.square_sigma)} mm), and so is every"
             " length and every distance that this calibration gives: measure it over many"
             f" {board.cell}s."
         )

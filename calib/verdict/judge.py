@@ -31,7 +31,7 @@ from calib.verdict.fleet_prior import fleet_prior
 from calib.verdict.held_out import held_out, overfits
 from calib.verdict.medium import implausible_indices, medium, undecided_medium
 from calib.verdict.mixed_settings import misfits, mixed_settings
-from calib.verdict.next_commands import NextCommands
+from calib.verdict.next_commands import HOLDOUT, NextCommands
 from calib.verdict.orientation import orientation
 from calib.verdict.other_medium import other_medium
 from calib.verdict.picture_source import PictureSource
@@ -109,7 +109,9 @@ def judge(
     calibration = Calibration.of(calibration)
     depths = tuple(dict.fromkeys(depths))
     commands = NextCommands.of(calibration, folder, session, depths)
-    case = Case(calibration, depths, commands, evaluation, str(holdout or "HOLDOUT"))
+    if holdout and commands.held_out and holdout.resolve() == commands.held_out.resolve():
+        commands = replace(commands, held_out=None)  # these views have been evaluated: name others
+    case = Case(calibration, depths, commands, evaluation, str(holdout or HOLDOUT))
     with single_thread():
         if broken := tuple(not_finite(case)):  # then no other check is possible
             return Verdict(broken, commands.fit())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +18,10 @@ from calib.io.output_folder import OutputFolder
 from calib.io.shell import shell_line, shell_path
 from calib.verdict.picture_source import PictureSource, picture_source
 
+HOLDOUT = "HOLDOUT"
+"""The word in a command for a folder of views that were not fitted, which the user names."""
+HELD_OUT_FOLDER = "holdout"
+"""The folder of a session with views that were kept back."""
 NEW_FILM = "FILM"
 """The word for a new video in a command, which the user films and names."""
 
@@ -38,6 +43,8 @@ class NextCommands:
     """m, of the maps that the fit was asked for: the same fit makes them again."""
     diagnosable: bool = True
     """True if there are enough poses of the board for a diagnosis."""
+    held_out: Path | None = None
+    """The session's folder of pictures that were kept back; None if it has none."""
 
     @staticmethod
     def of(
@@ -70,6 +77,7 @@ class NextCommands:
             pictures=next((place for place in pictures if place.is_dir()), None),
             depths=depths or command.depths,
             diagnosable=len(set(pose_labels(calibration.views))) >= MIN_CONFIRMING_VIEWS,
+            held_out=held_out_folder(places),
         )
 
     def fit(self, *options: str) -> str:
@@ -136,8 +144,10 @@ class NextCommands:
         return shell_line("calib", "check", self.folder, session)
 
     def evaluate(self) -> str:
-        """Return the evaluation on other views, whose session the user names."""
-        return shell_line("calib", "evaluate", self.folder, "HOLDOUT")
+        """Return the evaluation on other views: those that the session keeps back, else those of a
+        session that the user names.
+        """
+        return shell_line("calib", "evaluate", self.folder, self.held_out or HOLDOUT)
 
     def undistort(self, depth: float) -> str:
         """Return the undistortion of the session's pictures for a depth in m."""
@@ -167,6 +177,12 @@ class NextCommands:
         """Return the export of maps for a depth in m."""
         options = ["--format", "npz", "--depth", depth_text(depth), "-o"]
         return shell_line("calib", "export", self.folder, *options, self.folder / "export")
+
+
+def held_out_folder(places: Iterable[Path]) -> Path | None:
+    """Return the folder of views that one of these folders keeps back; None if none does."""
+    folders = (place / HELD_OUT_FOLDER for place in places)
+    return next((folder for folder in folders if folder.is_dir()), None)
 
 
 def is_described(session: Path) -> bool:

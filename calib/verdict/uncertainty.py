@@ -7,12 +7,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calib.apply.map_uncertainty import map_sigmas
+from calib.apply.map_uncertainty import describe_sigmas, map_sigmas
 from calib.calibration import Calibration
 from calib.corners.view import pose_labels
 from calib.fitting.corner_range import corners_at, distance_range
 from calib.inference.calibration_model import base_model
 from calib.intrinsics.advice import TILT
+from calib.rounding import with_sigma
 from calib.session.numbers import unknown_names
 from calib.session.parameter_names import CAMERA
 from calib.session.session import MIN_FIT_VIEWS
@@ -68,10 +69,10 @@ def uncertain_focal_length(case: Case) -> Iterator[Reason]:
     }
     if uncertain:
         worst = max(uncertain, key=lambda name: uncertain[name])
+        focal = with_sigma(numbers[worst].value, numbers[worst].sigma)
         sentence = (
             f"the focal length is known to {100 * uncertain[worst]:.2g} % only"
-            f" ({numbers[worst].value:.0f} ± {numbers[worst].sigma:.2g} px), and so is every length"
-            f" that you measure: {TILT}."
+            f" ({focal} px), and so is every length that you measure: {TILT}."
         )
         yield Reason(sentence, case.next.capture(), tuple(uncertain))
 
@@ -83,7 +84,7 @@ def uncertain_maps(case: Case) -> Iterator[Reason]:
         if sigma > UNSURE
     }
     if uncertain:
-        listed = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in uncertain.items())
+        listed = describe_sigmas(uncertain)
         sentence = (
             f"the maps are uncertain even where the board was (one standard deviation: {listed}):"
             " take more views, tilted and near."

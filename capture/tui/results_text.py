@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from calib.errors import harmless
+from calib.rounding import two_digits
 from calib.verdict.verdict import Trust
 from capture.tui.child import Event
 from capture.tui.farewell import propose_depth, updated_folder
@@ -101,8 +102,8 @@ class ResultsText:
             worst = max(entry["px"] for entry in sigmas)
             near, far = sigmas[0]["depth_m"], sigmas[-1]["depth_m"]
             yield (
-                f"The maps are accurate to {worst:.2g} px or better from {near:g} to {far:g} m"
-                " (sigma)."
+                f"The maps are accurate to {two_digits(worst)} px or better from {near:g} to"
+                f" {far:g} m (sigma)."
             )
         if noisier := self.result.get("noisier"):
             yield noisier

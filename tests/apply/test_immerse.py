@@ -443,7 +443,7 @@ def test_the_command_prints_sentences_for_people(
         == 0
     )
     out, err = capsys.readouterr()
-    assert "outside index 1.34 ± 0.1" in " ".join(out.split())
+    assert "outside index 1.34 ± 0.10" in " ".join(out.split())
     assert (
         "the views do not determine a number that matters in the new medium: at 0.3, 0.5, 1 m the"
         " maps"

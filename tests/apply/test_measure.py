@@ -330,10 +330,10 @@ def test_the_command_prints_a_table(folder: Path, capsys: pytest.CaptureFixture[
         == 0
     )
     out = capsys.readouterr().out
-    assert "camera frame, metres" in out
+    assert "camera frame, mm" in out
     rows = [
         re.fullmatch(
-            r"([pqr]) +(-?[\d.]+ ± [\d.]+) +(-?[\d.]+ ± [\d.]+) +0\.6 *( [\d.]+ ± [\d.]+)? *", line
+            r"([pqr]) +(-?[\d.]+ ± [\d.]+) +(-?[\d.]+ ± [\d.]+) +600 *( [\d.]+ ± [\d.]+)? *", line
         )
         for line in out.splitlines()
     ]

@@ -89,7 +89,7 @@ def test_a_wrong_number_is_corrected_and_contradicted(
     )
     printed = fit(copy, tmp_path / "out", capsys=capsys)
     value, sigma = re.findall(
-        r"cover.thickness +([\d.]+) ± ([\d.]+) mm +1 ± 0.2 mm +contradicted", printed
+        r"cover.thickness +([\d.]+) ± ([\d.]+) mm +1.00 ± 0.20 mm +contradicted", printed
     )[0]
     assert float(value) - 1 > 3 * float(sigma)
     assert "standard deviations apart: measure it again, and correct session.yaml." in " ".join(

@@ -139,7 +139,7 @@ def test_the_help_of_a_fit_names_every_effect(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit):
-        main(["fit", "--help"])
+        main(["fit", "--help-all"])
     output = capsys.readouterr().out
     assert max(map(len, output.splitlines())) <= 80
     names = output.partition("\neffects: ")[2].partition(".")[0]

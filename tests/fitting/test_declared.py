@@ -23,10 +23,10 @@ from calib.effects.thickness import Thickness
 from calib.fit_record.history import AcceptedEffect, DiagnosisRecord, EffectEstimate, History
 from calib.fitting import fit_result
 from calib.fitting.declared import comparisons, effect_comparisons
-from calib.fitting.rounding import with_sigma
 from calib.fitting.stages import Setup
 from calib.inference.fitted_model import FittedModel
 from calib.report.effects import effect_rows
+from calib.rounding import with_sigma
 from fixtures.calibrated import CAMERA, tolerant
 from fixtures.known import known
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, scene
@@ -151,7 +151,7 @@ def test_console_report_and_diagnosis_print_the_same_number(
     sentence = "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
     print_fit(diagnosed, 1.0)
     words = " ".join(capsys.readouterr().out.split())
-    assert re.search(r"cover.thickness 1.500 ± 0.056 mm 3 ± \S+ mm \w+, by thickness ", words)
+    assert re.search(r"cover.thickness 1.500 ± 0.056 mm 3.00 ± \S+ mm \w+, by thickness ", words)
     (accepted,) = history.diagnosis.accepted if history.diagnosis else ()
     assert describe_estimates(accepted, diagnosed) == [sentence]
     assert [row.estimates for row in effect_rows(diagnosed)] == [(sentence,)]

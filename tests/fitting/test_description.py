@@ -46,7 +46,7 @@ def test_a_number_has_its_sigma_what_was_declared_and_how_they_agree(plain: Cali
     assert rows["cover.thickness"][:4] == (
         "cover.thickness",
         "4.20 ± 0.10 mm",
-        "3 ± 0.2 mm",
+        "3.00 ± 0.20 mm",
         "contradicted",
     )
 

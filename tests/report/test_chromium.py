@@ -16,6 +16,7 @@ import yaml
 
 pytest.importorskip("aiohttp", reason="the extra `serve`, which drives Chromium, is not installed")
 
+from calib.apply.map_uncertainty import map_sigmas
 from calib.calibration import Calibration
 from calib.corners.view import RejectedPicture
 from calib.diagnosis.requested_effects import with_requested
@@ -23,7 +24,9 @@ from calib.fit_record.history import DiagnosisRecord, DiagnosisRun, History
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.progress import Silent
+from calib.report.evidence import gather_evidence
 from calib.report.views import OPEN_VIEWS
+from calib.rounding import two_digits
 from calib.session.session import read_session
 from capture.offered_files import HEADERS
 from fixtures.synthetic import scene
@@ -223,6 +226,11 @@ def test_the_figures_answer_to_the_pointer(
             assert re.search(CORNER, text, re.DOTALL), panel
 
         title = await page.call(TITLE)
+        sigmas = map_sigmas(reported.calibration, gather_evidence(reported.calibration).depths)
+        printed = [f"{two_digits(sigma)} px" for sigma in sigmas.values()]
+        shown = re.search(r": (\S+\spx), median", title)
+        assert shown
+        assert shown[1].replace("\N{NO-BREAK SPACE}", " ") in printed, "those of the terminal"
         x, y, width, height = await page.call(PLACE.format(what="#sigma .slider input"))
         await page.click(x + 0.8 * width, y + height / 2)
         changed = await page.until(f"{TITLE} !== {json.dumps(title)}")

@@ -232,7 +232,8 @@ def test_a_number_that_is_far_from_what_is_declared(
     )
     assert [reason.suspects for reason in reasons] == [("cover.thickness",)] * doubted
     assert all(
-        "declared as 3 ± 0.1 mm" in reason.sentence and f"{error:.1f} standard" in reason.sentence
+        "declared as 3.00 ± 0.10 mm" in reason.sentence
+        and f"{error:.1f} standard" in reason.sentence
         for reason in reasons
     )
 
@@ -240,8 +241,8 @@ def test_a_number_that_is_far_from_what_is_declared(
 @pytest.mark.parametrize(
     ("where", "message"),
     [
-        ("session.yaml", ["declared as 2500 ± 2", "correct session.yaml"]),
-        ("bare", ["found in bare/ as 2500 ± 2", "pictures in bare/ again"]),
+        ("session.yaml", ["declared as 2500.0 ± 2.0", "correct session.yaml"]),
+        ("bare", ["found in bare/ as 2500.0 ± 2.0", "pictures in bare/ again"]),
         ("views", []),
     ],
 )

@@ -330,7 +330,7 @@ function glassOptions(width, {labels}, frame, marks) {
 }
 
 function drawSigma(host, packed) {
-  const field = gridOf(packed), variance = numbers(packed.variance);
+  const field = gridOf(packed), variance = numbers(packed.variance), atCorners = numbers(packed.atCorners);
   for (const first of packed.depths) {
     const panelHost = element("div");
     host.append(panelHost);
@@ -339,11 +339,10 @@ function drawSigma(host, packed) {
       title: () => `at ${digits(depth, 2)} m: ${digits(median, 2)} px, median where board corners were`,
       label: "standard deviation of the map",
       options: width => {
-        const sigma = Array.from({length: variance.length / 3}, (_, node) =>
-          Math.sqrt(Math.max(0, variance[3 * node] + variance[3 * node + 1] / depth + variance[3 * node + 2] / depth ** 2)));
+        const sigma = sigmasAt(variance, depth);
         const sorted = sigma.filter(Number.isFinite).sort((a, b) => a - b), quantile = part => sorted[Math.floor(part * (sorted.length - 1))];
         const levels = [...new Set([0.25, 0.5, 0.75, 0.95].map(part => Number(quantile(part).toPrecision(1))))];
-        median = medianAtCorners(field, sigma);
+        median = medianOf(sigmasAt(atCorners, depth));
         return pictureOptions(width, [
           ...fieldMarks(field, sigma, packed.limit, levels), dots(CORNERS, "#808080", 1.4, 0.5), levelLabels(field, sigma, levels),
           tip(fieldNodes(field, sigma), node => `${digits(node.value)} px\nat ${Math.round(node.x)}, ${Math.round(node.y)} px, ${digits(depth, 2)} m deep`),
@@ -355,11 +354,15 @@ function drawSigma(host, packed) {
   addColourKey(host, "0", `${digits(packed.limit, 2)} px or more`);
 }
 
-/** Return the median of a field over the corners, each at its nearest node. */
-function medianAtCorners({x, y}, values) {
-  const nearest = (nodes, place) => Math.min(nodes.length - 1, Math.max(0, Math.round((place - nodes[0]) / (nodes[1] - nodes[0]))));
-  const found = CORNERS.map(corner => values[nearest(y, corner.y) * x.length + nearest(x, corner.x)]).filter(Number.isFinite).sort((a, b) => a - b);
-  return found[Math.floor(found.length / 2)];
+/** Return the standard deviations at a depth in m, from three coefficients of the variance each. */
+function sigmasAt(variance, depth) {
+  return Array.from({length: variance.length / 3}, (_, place) =>
+    Math.sqrt(Math.max(0, variance[3 * place] + variance[3 * place + 1] / depth + variance[3 * place + 2] / depth ** 2)));
+}
+
+function medianOf(values) {
+  const sorted = values.filter(Number.isFinite).sort((a, b) => a - b), middle = (sorted.length - 1) / 2;
+  return (sorted[Math.floor(middle)] + sorted[Math.ceil(middle)]) / 2;
 }
 
 const DEPTH_BARS = 16;

@@ -317,7 +317,7 @@ async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
             " board_shape, which would lower it by 87 %."
         ),
         (
-            "cover.thickness 5.4887 ± 0.43 mm, declared as 3 ± 0.5 mm, 9.8 standard deviations"
+            "cover.thickness 5.49 ± 0.43 mm, declared as 3.00 ± 0.50 mm, 9.8 standard deviations"
             " apart: find what the model lacks first."
         ),
         *[

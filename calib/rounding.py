@@ -1,4 +1,6 @@
-"""Text of a value with its standard deviation, both rounded to the second digit of the latter."""
+"""Text of a number for a person: a value with its standard deviation, both rounded to the second
+digit of the latter, or a number of two digits.
+"""
 
 import math
 
@@ -10,6 +12,11 @@ def with_sigma(value: float, sigma: float) -> str:
     if not (math.isfinite(value) and math.isfinite(sigma) and sigma > 0):
         return f"{value:.5g}"
     return f"{to_digit_of(value, sigma)} ± {to_digit_of(sigma, sigma)}"
+
+
+def two_digits(value: float) -> str:
+    """Return a number with two significant digits, such as 0.010 or 210, and no exponent."""
+    return to_digit_of(value, abs(value)) if value else "0"
 
 
 def to_digit_of(value: float, sigma: float) -> str:
