@@ -26,7 +26,7 @@ from calib.fitting.declared import comparisons, effect_comparisons
 from calib.fitting.stages import Setup
 from calib.inference.fitted_model import FittedModel
 from calib.report.effects import effect_rows
-from calib.rounding import with_sigma
+from calib.rounding import two_digits, with_sigma
 from fixtures.calibrated import CAMERA, tolerant
 from fixtures.known import known
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, scene
@@ -67,6 +67,20 @@ def test_value_and_sigma_have_the_digits_that_sigma_determines(
     value: float, sigma: float, message: str
 ) -> None:
     assert with_sigma(value, sigma) == message
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [(0.0057, "0.0057"), (0.01, "0.010"), (0.0996, "0.10"), (1.0, "1.0"), (213.0, "210")],
+)
+def test_a_sigma_by_itself_has_two_digits_and_no_exponent(value: float, message: str) -> None:
+    assert two_digits(value) == message
+
+
+def test_a_declared_number_has_the_digits_of_its_tolerance(plain: Calibration) -> None:
+    free = with_effect(plain, Thickness(("cover.thickness",)), thickness=(-0.0015, 0.000056))
+    item = {row.name: row for row in comparisons(free)}["cover.thickness"]
+    assert item.stated == "3.00 ± 0.50 mm"
 
 
 def test_an_increment_is_shown_as_the_value_that_it_makes(plain: Calibration) -> None:

@@ -95,6 +95,23 @@ def test_pictures_beside_a_result_are_not_those_of_a_session_that_is_gone(
     assert NextCommands.of(calibration, tmp_path / "diagnosed", None, ()).pictures == tmp_path
 
 
+def test_views_that_the_session_keeps_back_are_evaluated(good: Calibration, tmp_path: Path) -> None:
+    session, held_out = tmp_path / "s", tmp_path / "s" / "holdout"
+    held_out.mkdir(parents=True)
+    (session / "session.yaml").touch()
+    out = session / "calibration"
+    commands = NextCommands.of(good, out, session, ())
+    assert commands.evaluate() == f"calib evaluate {out} {held_out}"
+    (line, *_) = [
+        line
+        for line in judge(good, folder=out, session=session).further
+        if line.startswith("calib evaluate")
+    ]
+    assert line == commands.evaluate()
+    again = judge(good, folder=out, session=session, holdout=held_out)
+    assert f"calib evaluate {out} HOLDOUT" in again.further, "these have been evaluated"
+
+
 def test_views_of_another_program_are_not_recorded() -> None:
     source = PictureSource.DEVICE
     commands = NextCommands(Path("photos"), Path("photos/calibration"), Settings(), source=source)

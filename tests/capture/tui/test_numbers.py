@@ -46,7 +46,7 @@ async def _shown(size: tuple[int, int], session: Path) -> None:
             await pilot.press("n")
             assert "Views, the worst first" not in shown(pilot)
         await see(pilot, "fx 503.21 ± 0.42 px")
-        await see(pilot, "inner_radius 49.21 ± 0.31 mm 50 ± 2 mm")
+        await see(pilot, "inner_radius 49.21 ± 0.31 mm 50.0 ± 2.0 mm")
         await see(pilot, "From the side")
         await pilot.press("n")
         if not roomy:
