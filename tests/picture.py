@@ -1,11 +1,14 @@
-"""The README's picture: a wall under water, bent and straight, the screen that guides, and the
-error that is left, beside OpenCV's; the start page's picture for phones, which has no screen; and
-the pictures of docs/tutorial.md. `python -m tests.picture`.
+"""The README's picture: a wall under water, bent and straight, the phone that guides, and the error
+that is left, beside OpenCV's; the start page's picture for phones, which has no phone in it; and
+the pictures of docs/tutorial.md. `python -m tests.picture` draws all of them in four minutes, and
+`python -m tests.picture --hero` all but the tutorial's, in one.
 
-All figures in it are those of `calib demo`, and are printed. The screen is that of `capture` on the
-same camera, once the guide has computed how sure the maps are.
+All figures in it are those of `calib demo` and of tests/opencv_error.py, and are printed. The page
+and the screen are those of `capture` on the same camera, once the guide has computed how sure the
+maps are.
 """
 
+import argparse
 import asyncio
 import json
 import shutil
@@ -28,7 +31,14 @@ from calib.cli import main as calib
 from fixtures.wall import bend_of_joint
 from tests.capture.tui.driving import running, see, shown, until
 from tests.capture.tui.recording import Cells, draw
-from tests.opencv_error import NEAR, demo_error_nearby, opencv_error, opencv_error_nearby
+from tests.opencv_error import (
+    NEAR,
+    demo_error_nearby,
+    fit_without_numbers,
+    opencv_error,
+    opencv_error_nearby,
+)
+from tests.phone_picture import guiding_page
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -47,6 +57,8 @@ PHONE_WIDTH_PX = 740
 """Twice the width at which phones show it."""
 PHONE_WIDTH_INCHES = 370 / 72
 """The same width with an inch for 72 px of the page: a point of type is a pixel."""
+PHONE_HEIGHT = 1.2
+"""The height of the same picture over its width."""
 COLOURS = 256
 RECORDED, SEEN = 3, 9
 """The views of the session on the screen, and the view that its camera shows."""
@@ -55,8 +67,7 @@ PLAYED_S = 0.25
 """s between two pictures of the camera on the screen."""
 PLAYED = 480
 INK, FAINT = "#1e293b", "#64748b"
-COLOURS_OF_BARS = ("#b0543a", "#3f7d58")
-PROGRAM = "Refracal"
+COLOURS_OF_BARS = ("#b0543a", "#7fae93", "#3f7d58")
 HEADING = 0.7
 """The space for the heading of the nearer boards, in bars."""
 ROOM = 1.36
@@ -78,6 +89,9 @@ class Errors:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.picture", description=__doc__)
+    parser.add_argument("--hero", action="store_true", help="leave out the tutorial's pictures")
+    is_hero = parser.parse_args().hero
     with TemporaryDirectory() as folder:
         demo = Path(folder) / "demo"
         with redirect_stdout(StringIO()) as output:
@@ -86,25 +100,35 @@ def main() -> None:
         before, after = demo / "wall.jpg", demo / "straight" / "wall.jpg"
         calibration = Calibration.load(demo / "calibration")
         assert calibration.noise_px is not None
-        opencv = f"OpenCV, {COEFFICIENTS} coefficients"
+        unmeasured = fit_without_numbers(demo, Path(folder))
+        names = (
+            f"OpenCV, {COEFFICIENTS} coefficients",
+            'Refracal, told "window, water"',
+            "Refracal, told lens and window",
+        )
+        fitted = (
+            opencv_error(calibration, COEFFICIENTS),
+            unmeasured.stages[-1].rms_px,
+            result["stages"][-1]["rms_px"],
+        )
+        nearby = (
+            opencv_error_nearby(calibration, COEFFICIENTS),
+            demo_error_nearby(unmeasured),
+            demo_error_nearby(calibration),
+        )
         errors = Errors(
-            fitted=[
-                (opencv, opencv_error(calibration, COEFFICIENTS)),
-                (PROGRAM, result["stages"][-1]["rms_px"]),
-            ],
-            nearby=[
-                (opencv, opencv_error_nearby(calibration, COEFFICIENTS)),
-                (PROGRAM, demo_error_nearby(calibration)),
-            ],
+            fitted=list(zip(names, fitted, strict=True)),
+            nearby=list(zip(names, nearby, strict=True)),
             noise=calibration.noise_px,
         )
         bends = bend_of_joint(before), bend_of_joint(after)
-        shutil.copy(after, TUTORIAL / "straight.jpg")
+        if not is_hero:
+            shutil.copy(after, TUTORIAL / "straight.jpg")
         pictures = [cv2.imread(str(path))[..., ::-1] for path in (before, after)]  # type: ignore[index]
-    screen = guiding_screen()
-    for image, name in ((screen, "screen.png"), (printed_board(), "board.png")):
-        image.quantize(COLOURS, dither=Image.Dither.NONE).save(TUTORIAL / name, optimize=True)
-    draw_picture(pictures, bends, screen, errors)
+    if not is_hero:
+        for image, name in ((guiding_screen(), "screen.png"), (printed_board(), "board.png")):
+            image.quantize(COLOURS, dither=Image.Dither.NONE).save(TUTORIAL / name, optimize=True)
+    draw_picture(pictures, bends, guiding_page(), errors)
     draw_phone_picture(pictures, bends, errors)
     print(
         *(f"{name}: {error:.3f} px" for name, error in (*errors.fitted, *errors.nearby)),
@@ -116,21 +140,18 @@ def main() -> None:
 
 
 def draw_picture(
-    pictures: list[NDArray[Any]], bends: tuple[float, float], screen: Image.Image, errors: Errors
+    pictures: list[NDArray[Any]], bends: tuple[float, float], page: Image.Image, errors: Errors
 ) -> None:
     """Draw the four panels of OUTPUT."""
-    figure, panels = plt.subplots(
-        2,
-        2,
-        figsize=(10.5, 7.5),
-        gridspec_kw={"wspace": 0.03, "hspace": 0.1, "height_ratios": [1.2, 1]},
+    figure = plt.figure(figsize=(10.5, 8.3))
+    wall = figure.add_gridspec(1, 2, left=0.005, right=0.995, top=0.965, bottom=0.5, wspace=0.02)
+    _show(
+        figure.add_subplot(wall[0]), pictures[0], f"Through the window: bent by {bends[0]:.0f} px"
     )
-    figure.subplots_adjust(left=0.005, right=0.995, top=0.962, bottom=0.005)
-    _show(panels[0, 0], pictures[0], f"Through the window: lines bend by {bends[0]:.0f} px")
-    _show(panels[0, 1], pictures[1], f"Undistorted: straight to {bends[1]:.2f} px")
-    _show(panels[1, 0], np.asarray(screen), "The screen shows where to hold the board")
-    _bars(panels[1, 1], errors)
-    panels[1, 1].set_box_aspect(0.583)
+    _show(figure.add_subplot(wall[1]), pictures[1], f"Undistorted: straight to {bends[1]:.2f} px")
+    guide = figure.add_axes((0.005, 0.005, 0.345, 0.445))
+    _show(guide, np.asarray(page), "Where to hold the board")
+    _bars(figure.add_axes((0.385, 0.005, 0.61, 0.445)), errors)
     _save(figure, OUTPUT, WIDTH_PX)
 
 
@@ -138,11 +159,11 @@ def draw_phone_picture(
     pictures: list[NDArray[Any]], bends: tuple[float, float], errors: Errors
 ) -> None:
     """Draw the wall twice, and the errors below, for the width of a phone."""
-    figure = plt.figure(figsize=(PHONE_WIDTH_INCHES, PHONE_WIDTH_INCHES))
-    wall = figure.add_gridspec(1, 2, left=0, right=1, top=0.935, bottom=0.565, wspace=0.03)
+    figure = plt.figure(figsize=(PHONE_WIDTH_INCHES, PHONE_HEIGHT * PHONE_WIDTH_INCHES))
+    wall = figure.add_gridspec(1, 2, left=0, right=1, top=0.95, bottom=0.65, wspace=0.03)
     _show(figure.add_subplot(wall[0]), pictures[0], f"Bent by {bends[0]:.0f} px")
     _show(figure.add_subplot(wall[1]), pictures[1], f"Straight to {bends[1]:.2f} px")
-    _bars(figure.add_axes((0.005, 0.005, 0.99, 0.48)), errors)
+    _bars(figure.add_axes((0.005, 0.005, 0.99, 0.59)), errors)
     _save(figure, PHONE, PHONE_WIDTH_PX)
 
 
@@ -208,9 +229,9 @@ def _bars(panel: Axes, errors: Errors) -> None:
     places = [len(rows) + HEADING - i - HEADING * (i >= count) for i in range(len(rows))]
     sizes = [error for _, error in rows]
     longest = max(sizes)
-    bars = panel.barh(places, sizes, color=2 * COLOURS_OF_BARS, height=0.3)
+    bars = panel.barh(places, sizes, color=2 * COLOURS_OF_BARS, height=0.32)
     labels = [f" {error:.3f} px" for error in sizes]
-    labels[count - 1] += f" (noise of the corners: {errors.noise:.3f})"
+    labels[count - 1] += f" (noise: {errors.noise:.3f})"
     panel.bar_label(bars, labels, fontsize=13, color=INK)
     for place, (name, _) in zip(places, rows, strict=True):
         panel.text(0.01 * longest, place + 0.2, name, fontsize=11, va="bottom", color=FAINT)

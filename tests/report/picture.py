@@ -14,7 +14,7 @@ from tests.report.chrome import RAYS, Page, open_chrome
 
 SIZE = (1180, 1500)
 """px: the width and the height of each half."""
-HALVES = (("light", "#scene"), ("dark", "#residuals"))
+HALVES = (("light", "#straight"), ("dark", "#scene"))
 """The colours of each half, and the section at its top."""
 
 
@@ -40,6 +40,7 @@ def main(report: Path, out: Path) -> None:
 
             async def story(page: Page, section: str = section, file: Path = file) -> None:
                 await page.do("Emulation.setScrollbarsHidden", hidden=True)
+                await page.call("document.documentElement.style.scrollbarWidth = 'none'")
                 await page.call(f"document.querySelector({section!r}).scrollIntoView()")
                 if section == "#scene":
                     await show_rays(page)
