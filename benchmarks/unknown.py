@@ -26,6 +26,7 @@ from calib.fit_record.request import Settings
 from calib.fitting.description import calibrated_numbers
 from calib.fitting.fit import fit
 from calib.progress import Silent
+from calib.rounding import with_sigma
 from calib.session.schema import UNKNOWN
 from calib.session.session import read_session
 from calib.verdict.judge import judge
@@ -63,7 +64,7 @@ CASES: Mapping[str, Sequence[tuple[str, ...]]] = {
     "cone": ((), ("inner_radius_mm",), ("radius_slope",), ("axis_offset_mm",), (ALL,)),
 }
 DECIMALS = {"radius_slope": 3}
-"""The decimals that are printed of a number, where two do not show its sigma."""
+"""The decimals that are printed of a true number, where two do not show its sigma."""
 PER_SI = {"_mm": 1e3, "_deg": np.rad2deg(1)}
 
 
@@ -75,10 +76,10 @@ def main() -> None:
     if "--media" in sys.argv[1:]:
         print_media()
         return
-    print(f"{'':<40}maps, px")
-    print(f"{'not known':<17}{'true':>7} {'found':<14} error sigma verdict")
+    print(f"{'':<41}maps, px")
+    print(f"{'not known':<16}{'true':>7} {'found':<16} error sigma verdict")
     for shape, cases in CASES.items():
-        print("a window" if shape == "flat" else f"a {shape}")
+        print("a window:" if shape == "flat" else f"a {shape}:")
         for unknown in cases:
             for line in lines(shape, unknown):
                 print(line.rstrip())
@@ -122,7 +123,7 @@ def lines(shape: str, unknown: tuple[str, ...]) -> list[str]:
     end = f"{error.by_depth[DEPTH]:6.3f}{error.predicted[DEPTH]:6.3f} {word}"
     if unknown in ((), (ALL,), (SHAPE,)):
         result = f"{calibration.cover.shape}" if unknown == (SHAPE,) else ""
-        return [f" {(unknown or ('nothing',))[0]:<23} {result:<14}{end}"]
+        return [f"{(unknown or ('nothing',))[0]:<23} {result:<16}{end}"]
     rows = []
     if unknown == (INTRINSICS,):
         with np.load(source / "truth.npz") as truth:
@@ -134,15 +135,15 @@ def lines(shape: str, unknown: tuple[str, ...]) -> list[str]:
             true = GLASS[shape][f"{name}.{component}" if component else name] * per_si
             rows.append((key, true, number))
     return [
-        _number(name, true, number).ljust(39) + (end if place == 0 else "")
+        _number(name, true, number).ljust(40) + (end if place == 0 else "")
         for place, (name, true, number) in enumerate(rows)
     ]
 
 
 def _number(name: str, true: float, number: Mapping[str, float]) -> str:
     decimals = DECIMALS.get(name, 2)
-    found = f"{number['value']:.{decimals}f} ± {number['sigma']:.{decimals}f}"
-    return f" {name:<16}{true:7.{decimals}f} {found}"
+    found = with_sigma(number["value"], number["sigma"])
+    return f"{name:<16}{true:7.{decimals}f} {found}"
 
 
 def forget(document: dict[str, Any], unknown: tuple[str, ...]) -> None:

@@ -128,7 +128,10 @@ def main() -> None:
     if not is_hero:
         for image, name in ((guiding_screen(), "screen.png"), (printed_board(), "board.png")):
             image.quantize(COLOURS, dither=Image.Dither.NONE).save(TUTORIAL / name, optimize=True)
-    draw_picture(pictures, bends, guiding_page(), errors)
+    page = guiding_page()
+    small = page.resize((page.width // 2, page.height // 2), Image.Resampling.LANCZOS)
+    small.quantize(COLOURS, dither=Image.Dither.NONE).save(TUTORIAL / "phone.png", optimize=True)
+    draw_picture(pictures, bends, page, errors)
     draw_phone_picture(pictures, bends, errors)
     print(
         *(f"{name}: {error:.3f} px" for name, error in (*errors.fitted, *errors.nearby)),
