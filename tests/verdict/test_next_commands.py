@@ -102,12 +102,7 @@ def test_views_that_the_session_keeps_back_are_evaluated(good: Calibration, tmp_
     out = session / "calibration"
     commands = NextCommands.of(good, out, session, ())
     assert commands.evaluate() == f"calib evaluate {out} {held_out}"
-    (line, *_) = [
-        line
-        for line in judge(good, folder=out, session=session).further
-        if line.startswith("calib evaluate")
-    ]
-    assert line == commands.evaluate()
+    assert commands.evaluate() in judge(good, folder=out, session=session).further
     again = judge(good, folder=out, session=session, holdout=held_out)
     assert f"calib evaluate {out} HOLDOUT" in again.further, "these have been evaluated"
 
