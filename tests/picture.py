@@ -1,14 +1,12 @@
 """The README's picture: a wall under water, bent and straight, the phone that guides, and the error
 that is left, beside OpenCV's; the start page's picture for phones, which has no phone in it; and
-the pictures of docs/tutorial.md. `python -m tests.picture` draws all of them in four minutes, and
-`python -m tests.picture --hero` all but the tutorial's, in one.
+the pictures of docs/tutorial.md. `python -m tests.picture` draws all of them in half a minute.
 
 All figures in it are those of `calib demo` and of tests/opencv_error.py, and are printed. The page
 and the screen are those of `capture` on the same camera, once the guide has computed how sure the
 maps are.
 """
 
-import argparse
 import asyncio
 import json
 import shutil
@@ -89,9 +87,6 @@ class Errors:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.picture", description=__doc__)
-    parser.add_argument("--hero", action="store_true", help="leave out the tutorial's pictures")
-    is_hero = parser.parse_args().hero
     with TemporaryDirectory() as folder:
         demo = Path(folder) / "demo"
         with redirect_stdout(StringIO()) as output:
@@ -122,15 +117,16 @@ def main() -> None:
             noise=calibration.noise_px,
         )
         bends = bend_of_joint(before), bend_of_joint(after)
-        if not is_hero:
-            shutil.copy(after, TUTORIAL / "straight.jpg")
+        shutil.copy(after, TUTORIAL / "straight.jpg")
         pictures = [cv2.imread(str(path))[..., ::-1] for path in (before, after)]  # type: ignore[index]
-    if not is_hero:
-        for image, name in ((guiding_screen(), "screen.png"), (printed_board(), "board.png")):
-            image.quantize(COLOURS, dither=Image.Dither.NONE).save(TUTORIAL / name, optimize=True)
     page = guiding_page()
     small = page.resize((page.width // 2, page.height // 2), Image.Resampling.LANCZOS)
-    small.quantize(COLOURS, dither=Image.Dither.NONE).save(TUTORIAL / "phone.png", optimize=True)
+    for image, name in (
+        (guiding_screen(), "screen.png"),
+        (printed_board(), "board.png"),
+        (small, "phone.png"),
+    ):
+        image.quantize(COLOURS, dither=Image.Dither.NONE).save(TUTORIAL / name, optimize=True)
     draw_picture(pictures, bends, page, errors)
     draw_phone_picture(pictures, bends, errors)
     print(
