@@ -33,7 +33,8 @@ SHADE = 0.9
 """The brightness of the wall behind the board."""
 HAS_OUTLINE = 'Boolean(document.querySelector("#picture .hint:not(.halo)")?.getAttribute("d"))'
 """A script that returns true once the page shows where to hold the board."""
-SETTLE_S = 1.5
+SETTLE_S = 10.0
+"""s: by then the guide has counted the view that was taken last."""
 
 
 def guiding_page() -> Image.Image:
