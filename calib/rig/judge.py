@@ -77,6 +77,14 @@ class RigCase:
         folder = self.source.parent / "calibration" if is_diagnosed else self.folder
         return f"calib rig fit {source} -o {shell_path(folder)}"
 
+    @property
+    def diagnosis_command(self) -> str:
+        """The diagnosis of the rig; empty where there was one, or with too few placements."""
+        is_diagnosable = np.sum(self.rig.cameras_seeing > 1) >= MIN_DIAGNOSED
+        if self.rig.record.effects or not is_diagnosable:
+            return ""
+        return f"calib rig diagnose {shell_path(self.folder)}"
+
 
 RigCheck = Callable[[RigCase], Iterable[Reason]]
 
@@ -158,9 +166,9 @@ def disagreement(case: RigCase) -> Iterator[Reason]:
     advice, command = "hold the board still, and record again", case.fit_command
     if case.rig.record.effects:
         cause = "the causes that were found do not explain all of it"
-    elif np.sum(case.rig.cameras_seeing > 1) >= MIN_DIAGNOSED:
+    elif case.diagnosis_command:
         advice = "the diagnosis tells which"
-        command = f"calib rig diagnose {shell_path(case.folder)}"
+        command = case.diagnosis_command
     for name, calibration in case.rig.calibrations.items():
         error = calibration.stages[-1].rms_px
         alone = case.rig.record.alone_px.get(name, error)
@@ -293,7 +301,9 @@ def _new_recording(case: RigCase) -> str:
 
 
 def camera_reasons(case: RigCase) -> Iterator[Reason]:
-    """Yield the reasons of each camera, with its name, and the commands of the rig."""
+    """Yield the reasons of each camera, with its name, and the commands of the rig. What makes the
+    cameras disagree is in each camera's error as well, so the rig is diagnosed before a camera.
+    """
     for name, calibration in case.rig.calibrations.items():
         for reason in judge(calibration, folder=case.folder / name).reasons:
             command = reason.next
@@ -301,6 +311,8 @@ def camera_reasons(case: RigCase) -> Iterator[Reason]:
                 command = case.fit_command
             elif command.startswith("capture "):  # of one camera alone
                 command = _new_recording(case)
+            elif command.startswith("calib diagnose "):
+                command = case.diagnosis_command or command
             yield replace(reason, sentence=f"{name}: {reason.sentence}", next=command)
 
 

@@ -23,7 +23,7 @@ from calib.rig.evaluate_rig import LengthBand, RigEvaluation, evaluate_rig
 from calib.rig.fit_rig import fit_rig
 from calib.rig.gauge import gauge_motion, mounting_motion
 from calib.rig.joint_estimate import RigEstimate
-from calib.rig.judge import RigCase, camera_reasons, judge_rig, same_camera
+from calib.rig.judge import MIN_DIAGNOSED, RigCase, camera_reasons, judge_rig, same_camera
 from calib.rig.poses import move_points, pose_matrix
 from calib.rig.rig import Rig
 from calib.rig.rig_geometry import placed_cameras
@@ -31,7 +31,7 @@ from calib.rig.rig_storage import rig_arrays
 from calib.rig.triangulation import triangulate_points
 from calib.session.board import Board
 from calib.session.session import read_session
-from calib.verdict.verdict import Trust
+from calib.verdict.verdict import Reason, Trust, Verdict
 from fixtures.rigs import SimulatedRig, simulate_rig
 from fixtures.synthetic import BUMPS, THIN
 from tests.rig.conftest import EVEN
@@ -342,6 +342,20 @@ def test_a_camera_s_reasons_propose_commands_of_the_rig(fitted: Rig) -> None:
     recording = f"capture {Path(fitted.record.source).parent}-again --source NAME=SOURCE ..."
     assert recording in commands
     assert all(command == recording or "capture" not in command for command in commands)
+
+
+@pytest.mark.parametrize(
+    ("shared", "command"),
+    [(MIN_DIAGNOSED, "calib rig diagnose out"), (1, "calib diagnose out/left")],
+)
+def test_a_camera_s_cause_is_looked_for_in_the_rig_first(
+    fitted: Rig, monkeypatch: pytest.MonkeyPatch, shared: int, command: str
+) -> None:
+    """Cameras that disagree have larger errors each; too few placements leave the camera alone."""
+    reason = Reason("the error is large.", "calib diagnose out/left")
+    monkeypatch.setattr("calib.rig.judge.judge", lambda *_, **__: Verdict((reason,), ""))
+    monkeypatch.setattr(Rig, "cameras_seeing", np.repeat(2, shared))
+    assert next(camera_reasons(case_of(fitted))).next == command
 
 
 def case_of(rig: Rig) -> RigCase:
