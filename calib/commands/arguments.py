@@ -7,7 +7,7 @@ from pathlib import Path
 
 from calib.errors import InputError, brief, meant
 from calib.io.numerals import whole_number
-from calib.session.number_spelling import length_in_mm
+from calib.session.number_spelling import length_in_mm, material_index
 
 FARTHEST = 1e9
 """m: a map for a greater depth equals the map for infinity to its last digit."""
@@ -51,6 +51,14 @@ def finite_depth(text: str) -> float:
 def quoted(text: str) -> str:
     """Return the text as a message quotes it: in quotation marks, and cut if it is long."""
     return repr(brief(text))
+
+
+def refuse_material(text: str) -> None:
+    """Refuse the name of a material, such as water, where a number has to stand."""
+    if index := material_index(text):
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a number: write {index:g}, its refractive index"
+        )
 
 
 def positive_number(text: str) -> float:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from calib.commands.arguments import Options, quoted
+from calib.commands.arguments import Options, quoted, refuse_material
 from calib.errors import InputError
 from calib.session.lens import COEFFICIENTS
 from calib.session.schema import UNKNOWN, is_unknown
@@ -107,6 +107,7 @@ def typed_list(text: str) -> list[object]:
         if (not is_unknown(word) and not all(map(NUMBER.fullmatch, word.split("±")))) or word.count(
             "±"
         ) > 1:
+            refuse_material(text)
             raise argparse.ArgumentTypeError(
                 f"{quoted(text)} is not a number: write one such as 40, or 40+-5 with its"
                 " uncertainty, or unknown, and a list as 0,-30. Lengths are in millimetres, and"

@@ -22,6 +22,7 @@ from calib.commands.arguments import (
     calibration_files,
     folder_of,
     quoted,
+    refuse_material,
 )
 from calib.commands.loading import fast_imports
 from calib.errors import InputError
@@ -60,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
     parser.add_argument(
         "--outside-index",
-        type=_parser_between(1, 2),
+        type=_outside_index,
         metavar="N",
         help="refractive index of the medium outside, such as 1.34 for sea water, or 1 for air",
     )
@@ -174,6 +175,11 @@ def _parser_between(low: float, high: float) -> Callable[[str], float]:
         return number
 
     return parse
+
+
+def _outside_index(text: str) -> float:
+    refuse_material(text)
+    return _parser_between(1, 2)(text)
 
 
 def _index(args: argparse.Namespace) -> float:

@@ -1,5 +1,5 @@
 """Advice on texts that stand for a number in a file and are not one to YAML: 25,4 or 50+-5 or
-25 mm.
+25 mm or water.
 """
 
 import math
@@ -25,6 +25,16 @@ UNITS = {
     "px": dict.fromkeys(("px", "pixels", "pixel"), 1.0),
 }
 """For the suffix of a key, the size of each unit that a text may have, in the key's own."""
+INDICES = {
+    **dict.fromkeys(("air", "vacuum"), 1.0),
+    **dict.fromkeys(("water", "freshwater"), 1.333),
+    **dict.fromkeys(("sea", "seawater", "saltwater", "ocean"), 1.34),
+    **dict.fromkeys(("acrylic", "plexiglass", "plexiglas", "perspex", "pmma"), 1.49),
+    **dict.fromkeys(("polycarbonate", "pc", "lexan", "makrolon"), 1.585),
+    **dict.fromkeys(("glass", "sodalime", "floatglass"), 1.52),
+    **dict.fromkeys(("borosilicate", "pyrex"), 1.47),
+}
+"""The refractive index of each material, by its name in small letters alone."""
 
 
 def spelling_advice(key: str, text: str, *, has_sigma: bool, is_whole: bool = False) -> str:
@@ -39,6 +49,8 @@ def spelling_advice(key: str, text: str, *, has_sigma: bool, is_whole: bool = Fa
     word = text.strip()
     if is_whole and re.search(r"[0-9],[0-9]", word):
         return ""  # 1920,5 px are no width: the limits say what is
+    if key.endswith("index") and (index := material_index(word)):
+        return f"write {index:g}, its refractive index"
     if PLAIN.fullmatch(word):
         return "drop the quotes"
     dash = next((character for character in word if character in DASHES), "")
@@ -57,6 +69,11 @@ def spelling_advice(key: str, text: str, *, has_sigma: bool, is_whole: bool = Fa
     if pair or number is None:
         return ""
     return f"write {number:g} without a unit, which is that of the key"
+
+
+def material_index(text: str) -> float | None:
+    """Return the refractive index of a material by its name; None for any other text."""
+    return INDICES.get(re.sub("[^a-z]", "", text.lower()))
 
 
 def _unit_of(word: str) -> str:

@@ -475,6 +475,17 @@ def test_a_number_that_is_none_is_refused_as_it_is_read(capsys: pytest.CaptureFi
         assert "is not a number: write one such as 40, or 40+-5" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "words", [("init", "x", "--cover", "dome"), ("immerse", "x")], ids=lambda words: words[0]
+)
+def test_a_material_in_place_of_its_index_is_said_to_have_a_number(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([*words, "--outside-index", "water"])
+    assert "'water' is not a number: write 1.333, its refractive index" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("shape", shape_names())
 def test_init_writes_a_session_that_is_read(shape: str, tmp_path: Path) -> None:
     folder = recordings.write_pictures(tmp_path / "s")

@@ -40,6 +40,8 @@ TEXT = f"format: 1\n{BOARD}\ncamera: {{width: 960, height: 720}}\n{DOME}"
         ("_mm: 50", "_mm: 50,5 mm", "write 50.5 without a unit"),
         ("_mm: 50", "_mm: 5 cm ± 0,2 cm", "write {value: 50, sigma: 2}"),
         ("_mm: 50", "_mm: 5 ± 0.2 cm", "write {value: 50, sigma: 2}"),
+        ("index: 1.49", "index: Acrylic", "write 1.49, its refractive index"),
+        ("index: 1.49", "index: 1.49\n  outside_index: sea water", "write 1.34, its refractive"),
         ("width: 960", "width: 960 px", "camera.width is .*: write 960 without a unit"),
         ("width: 960", "width: '960,5'", "camera.width is .*: write a whole number from 1 to"),
         (
