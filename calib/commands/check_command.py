@@ -68,11 +68,13 @@ def run(args: argparse.Namespace) -> int:
         from calib.errors import InputError
         from calib.io.file_set import FileSet
         from calib.io.output_folder import OutputFolder, check_no_link
+        from calib.io.patterns import expand
 
     if args.output and not args.update:
         raise InputError(
             "-o says where an updated calibration goes: write --update with it, or leave it out."
         )
+    args.pictures = expand(args.pictures)
     check_order(args.calibration, args.pictures)
     calibration = Calibration.load(args.calibration)
     if args.update:

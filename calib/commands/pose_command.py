@@ -82,12 +82,13 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.printing import print_json, print_paths, print_remark
         from calib.io.files import check_writable
         from calib.io.output_folder import ANOTHER_FILE, OutputFolder
+        from calib.io.patterns import expand
 
     sigma = None if args.size_sigma_mm is None else args.size_sigma_mm / 1000
     locator = TagLocator(
         Calibration.load(args.calibration), args.tags, args.size_mm / 1000, sigma, args.border
     )
-    paths = pictures_of(args.pictures)
+    paths = pictures_of(expand(args.pictures))
     if args.output:
         check_writable(args.output.parent)
         output = OutputFolder(

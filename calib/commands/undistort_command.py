@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="FILE",
-        help="pictures, videos, folders of them, or one bag",
+        help="pictures, videos, folders of them, a pattern such as 'photos/*.jpg', or one bag",
     )
     how_far = parser.add_mutually_exclusive_group()
     how_far.add_argument(
@@ -109,12 +109,14 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.printing import print_paths
         from calib.errors import InputError, NotEnoughDataError
         from calib.io.bag import is_bag
+        from calib.io.patterns import expand
 
     if args.depth is None and args.depth_image is None:
         raise InputError(
             "How far away is the scene? Write --depth 0.8 for one distance in metres, or"
             " --depth-image FILE for a distance of each pixel."
         )
+    args.images = expand(args.images)
     bags = [path for path in args.images if is_bag(path)]
     if args.topic and not bags:
         raise InputError("--topic is for a bag of ROS: leave it out, or give a bag.")

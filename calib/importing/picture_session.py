@@ -10,7 +10,6 @@ import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from glob import has_magic
 from pathlib import Path
 
 import cv2
@@ -34,6 +33,7 @@ from calib.io.images import (
     session_pictures,
 )
 from calib.io.output_folder import LEDGER, OutputFolder
+from calib.io.patterns import expand
 from calib.io.shell import shell_path
 from calib.io.videos import VIDEOS, list_videos
 from calib.progress import Progress
@@ -57,8 +57,6 @@ MAX_INNER = 8
 """Folders that a message lists."""
 MIN_PICTURES = 3
 """Pictures that make a camera of their EXIF: one or two among many are strays."""
-ADDRESS = re.compile("(https?|ftp|rtsp):/", re.IGNORECASE)
-"""The beginning of the address of a file on another machine."""
 CONVERTIBLE = (".heic", ".heif", ".avif", ".gif", ".jp2", ".jxl", ".dng")
 """Suffixes of pictures that other programs convert to a type that is read."""
 
@@ -94,10 +92,9 @@ def find_pictures(paths: Sequence[Path]) -> NamedPictures:
         InputError: a path is neither, or there is no picture.
     """
     words = " ".join(map(shell_path, paths))
-    existing: list[Path] = []
-    for path in paths:
-        existing += _matches(path)
+    existing = expand(paths)
     for path in existing:
+        _check_exists(path)
         _check_no_calibration(path)
     if len(existing) == 1 and existing[0].is_dir():
         return _in_folder(existing[0], words)
@@ -134,28 +131,14 @@ def _check_no_calibration(path: Path) -> None:
             )
 
 
-def _matches(path: Path) -> Sequence[Path]:
+def _check_exists(path: Path) -> None:
     with reading(path):
         if path.exists():
-            return (path,)
-    if ADDRESS.match(str(path)):
-        raise InputError(f"{path} is an address: download the file, and give its path.")
-    if not has_magic(str(path)):
-        raise InputError(
-            f"{path} is not a folder, a picture or a video that exists: check its name, or record"
-            f" pictures there by capture {shell_path(path)}"
-        )
-    pattern = path.expanduser()
-    matches = sorted(Path(pattern.anchor).glob(str(pattern.relative_to(pattern.anchor))))
-    media = [
-        match for match in matches if match.is_dir() or match.suffix.lower() in (*SUFFIXES, *VIDEOS)
-    ]
-    if not media:
-        raise InputError(
-            f"No picture matches {path}: give a folder, a pattern such as 'photos/*.jpg', or a"
-            " video."
-        )
-    return media
+            return
+    raise InputError(
+        f"{path} is not a folder, a picture or a video that exists: check its name, or record"
+        f" pictures there by capture {shell_path(path)}"
+    )
 
 
 def _picture(path: Path) -> Path:

@@ -73,6 +73,17 @@ def test_a_video_is_straightened_frame_by_frame(
     assert not made.read()[0]
 
 
+def test_a_quoted_pattern_names_the_pictures_that_match(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--depth", "0.5", "-o", tmp_path / "out")
+    assert run(folder, folder / "[ab].p*", *options) == 0
+    written = capsys.readouterr().out.split()
+    assert written == [str(tmp_path / "out" / name) for name in ("a.png", "b.png")]
+    assert run(folder, folder / "*.jpg", *options) == 2
+    assert f"No picture matches {folder / '*.jpg'}: give a folder" in capsys.readouterr().err
+
+
 def test_a_folder_may_hold_videos_and_pictures(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -22,8 +22,9 @@ from calib.rig import scatter
 from calib.rig.evaluate_rig import LengthBand, RigEvaluation, evaluate_rig
 from calib.rig.fit_rig import fit_rig
 from calib.rig.gauge import gauge_motion, mounting_motion
+from calib.rig.held_out_placements import MIN_SHARED
 from calib.rig.joint_estimate import RigEstimate
-from calib.rig.judge import MIN_DIAGNOSED, RigCase, camera_reasons, judge_rig, same_camera
+from calib.rig.judge import RigCase, camera_reasons, judge_rig, same_camera
 from calib.rig.poses import move_points, pose_matrix
 from calib.rig.rig import Rig
 from calib.rig.rig_geometry import placed_cameras
@@ -346,7 +347,7 @@ def test_a_camera_s_reasons_propose_commands_of_the_rig(fitted: Rig) -> None:
 
 @pytest.mark.parametrize(
     ("shared", "command"),
-    [(MIN_DIAGNOSED, "calib rig diagnose out"), (1, "calib diagnose out/left")],
+    [(MIN_SHARED, "calib rig diagnose out"), (1, "calib diagnose out/left")],
 )
 def test_a_camera_s_cause_is_looked_for_in_the_rig_first(
     fitted: Rig, monkeypatch: pytest.MonkeyPatch, shared: int, command: str
