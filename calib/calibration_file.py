@@ -208,7 +208,10 @@ def _where_to_find(path: FilePath) -> str:
     if (folder / "rig_calibration.yaml").is_file():
         cameras = sorted(file.parent for file in folder.glob(f"*/{path.name}"))
         names = ", ".join(map(str, cameras))
-        return f"{folder} is a rig, so name the calibration of one camera: {names}"
+        return (
+            f"{folder} is a rig, for the commands of calib rig: name the calibration of one camera:"
+            f" {names}"
+        )
     if path.stem != "calibration":
         return "give the folder that calib fit wrote"
     if (folder / "session.yaml").is_file():

@@ -333,7 +333,7 @@ def test_a_file_in_place_of_a_calibration_gets_its_sentence(
     with pytest.raises(InputError, match=r"npz is not a calibration.yaml: give that file, or the"):
         Calibration.load(camera / "calibration.npz")
     (tmp_path / "rig_calibration.yaml").touch()
-    with pytest.raises(InputError, match=r"is a rig, so name the calibration of .*/left\.$"):
+    with pytest.raises(InputError, match=r"is a rig, .*: name the calibration of .*/left\.$"):
         Calibration.load(tmp_path)
 
 

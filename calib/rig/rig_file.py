@@ -9,12 +9,15 @@ from pathlib import Path
 
 from calib.errors import InputError, wrong_type
 from calib.io.files import reading
+from calib.io.shell import shell_path
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.schema import Number, Quantity, Section
 from calib.session.session import Session, read_session
 
 NAME = "rig.yaml"
+CALIBRATED = "rig_calibration.yaml"
+"""The file of a calibrated rig."""
 FORMAT = 1
 BY_NAME = "by_name"
 MAX_TOLERANCE_MS = 1e4
@@ -66,6 +69,7 @@ def read_rig(path: RigSource) -> RigDescription:
     file = Path(path)
     with reading(file):
         file = file / NAME if file.is_dir() else file
+        _check_kind(file)
         if not file.exists():
             raise InputError(f"{file} does not exist: write a {NAME}, at the least {MINIMAL}")
     section = Section(read_yaml(file), str(file))
@@ -84,6 +88,22 @@ def read_rig(path: RigSource) -> RigDescription:
         covers=_read_covers(section, sessions),
         baseline=_read_baseline(section, names),
     )
+
+
+def _check_kind(file: Path) -> None:
+    """Raise InputError where a session of one camera, or a calibrated rig, stands in place of a
+    rig.yaml.
+    """
+    folder = file.parent
+    if file.name == "session.yaml" or (not file.exists() and (folder / "session.yaml").exists()):
+        around = folder.parent / NAME
+        rig = f", or give its rig, {shell_path(around)}" if around.exists() else ""
+        raise InputError(
+            f"{folder} is a session of one camera, and no rig: calib fit {shell_path(folder)}"
+            f" calibrates the camera{rig or f'. A rig has a {NAME}, at the least {MINIMAL}'}."
+        )
+    if file.name == CALIBRATED or (not file.exists() and (folder / CALIBRATED).exists()):
+        raise InputError(f"{folder} is a calibrated rig: give a {NAME}, or the folder of one.")
 
 
 def _read_sessions(section: Section, folder: Path) -> dict[str, Session]:

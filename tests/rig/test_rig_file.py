@@ -107,6 +107,18 @@ def test_a_missing_rig_says_what_to_write(
     )
 
 
+@pytest.mark.parametrize("name", ["", "session.yaml"])
+def test_a_session_of_one_camera_is_no_rig(
+    folder: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    session = written(folder, {}) / "left"
+    assert main(["rig", "fit", str(session / name)]) == 2
+    assert capsys.readouterr().err == (
+        f"calib: error: {session} is a session of one camera, and no rig: calib fit {session}"
+        f" calibrates the camera, or give its rig, {folder / 'rig.yaml'}.\n"
+    )
+
+
 def test_boards_must_be_the_same(folder: Path, tmp_path: Path) -> None:
     session = tmp_path / "other"
     session.mkdir()
