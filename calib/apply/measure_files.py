@@ -20,8 +20,8 @@ from calib.corners.detection import NotFound
 from calib.corners.find import find_board
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError, brief
-from calib.io.files import MAX_TEXT_BYTES, read_file
-from calib.io.images import read_grey
+from calib.io.files import MAX_TEXT_BYTES, read_file, reading
+from calib.io.images import SUFFIXES, read_grey
 from calib.progress import Progress
 from calib.undistortion.grids import Array
 
@@ -231,6 +231,12 @@ def _read_table(
     Raises:
         InputError: the file is not such a table, or has no line.
     """
+    columns = ",".join((*text_columns, *number_columns))
+    with reading(path):
+        is_folder = path.is_dir()
+    if is_folder or path.suffix.lower() in SUFFIXES:
+        kind = "folder" if is_folder else "picture"
+        raise InputError(f"{path} is a {kind}: give a CSV file that begins with {columns}.")
     try:
         text = read_file(path, MAX_TEXT_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -242,16 +248,14 @@ def _read_table(
         table = [dict(zip(header, cells, strict=False)) for cells in reader]
     except csv.Error as error:
         raise InputError(
-            f"{path} is not a CSV table ({error}): write a line of"
-            f" {','.join((*text_columns, *number_columns))} for each entry."
+            f"{path} is not a CSV table ({error}): write a line of {columns} for each entry."
         ) from error
     if len(header) == 1 and (separator := re.search(r"[;\t ]", header[0])):
         name = {";": "semicolons", "\t": "tabs", " ": "blanks"}[separator[0]]
         raise InputError(f"{path} has {name} between its columns: write commas.")
     if missing := [name for name in number_columns if name not in header]:
         raise InputError(
-            f"{path} has no column {missing[0]}: begin it with a line such as"
-            f" {','.join((*text_columns, *number_columns))}."
+            f"{path} has no column {missing[0]}: begin it with a line such as {columns}."
         )
     rows: list[tuple[dict[str, str], list[float]]] = []
     for row in table:

@@ -459,6 +459,9 @@ def test_files_that_cannot_be_read_get_their_sentence(tmp_path: Path) -> None:
         read_poses(tmp_path / "p.csv")
     with pytest.raises(InputError, match="cannot be read"):
         read_poses(tmp_path / "none.csv")
+    for name, kind in (("", "folder"), ("a.jpg", "picture")):
+        with pytest.raises(InputError, match=f"is a {kind}: give a CSV .* with name,image,x,y"):
+            read_points(tmp_path / name)
 
 
 @pytest.mark.parametrize(
