@@ -135,8 +135,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_action(
     actions: "argparse._SubParsersAction[argparse.ArgumentParser]", name: str, summary: str
 ) -> argparse.ArgumentParser:
-    example = f"{summary}\n\nExample:\n  {ACTION_EXAMPLES[name]}"
-    return actions.add_parser(name, help=summary, description=example, formatter_class=Help)
+    example = ACTION_EXAMPLES[name]
+    return actions.add_parser(
+        name,
+        help=summary,
+        description=f"{summary}\n\nExample:\n  {example}",
+        formatter_class=Help,
+        example=example,
+    )
 
 
 def _add_rig(parser: argparse.ArgumentParser, help_text: str) -> None:

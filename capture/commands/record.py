@@ -15,6 +15,10 @@ question mark, such as v4l2:/dev/video0?size=1640x1232. A session that has pictu
 Ctrl-C ends the recording and loses nothing. Several cameras, each as --source NAME=SOURCE, are
 recorded together: SESSION is then the folder of the rig, with rig.yaml and a session a camera.
 """
+EXAMPLES = (
+    "capture record cam0 --source v4l2:/dev/video0 --board 9x6 --square-mm 25",
+    "capture record cam0 --source film.mp4 --board 9x6 --square-mm 25",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

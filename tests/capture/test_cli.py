@@ -439,6 +439,7 @@ def test_a_source_that_cannot_be_recorded_gets_one_sentence(
             ["record", "x", "--source", "y", "--board", "9"],
             "write its inner corners as two whole numbers from 3, such as 9x6",
         ),
+        (["record", "x"], "A whole command is: capture record cam0 --source v4l2:"),
         (["record", "x", "--source", "y", "--square-mm", "0"], "is not a number above 0"),
         (["record", "x", "--source", "y", "--views", "0"], "write a whole number above 0"),
         (["record", "x", "--source", "y", "--every", "inf"], "is not a number above 0"),
