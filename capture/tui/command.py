@@ -3,6 +3,7 @@ its end, then read its output.
 """
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -10,7 +11,8 @@ from dataclasses import dataclass
 
 from capture.process import NICENESS
 
-REMARKS = ("Take care: ", "Misfit of ")
+PROGRESS = re.compile(r" [0-9]+/[0-9]+ +[0-9-]+:[0-9-]{2}:[0-9-]{2}")
+"""A part of a line on stderr that is the last state of a progress bar."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,9 +20,9 @@ class CommandResult:
     returncode: int
     stdout: str
     sentence: str
-    """The last line on stderr: the reason of a failure."""
+    """The last line on stderr, the reason of a failure; empty after a success."""
     remarks: Sequence[str]
-    """The other lines on stderr that a person should know."""
+    """The lines on stderr before that of a failure: notes, warnings, and how exact files are."""
 
 
 def calib(arguments: Sequence[str]) -> CommandResult:
@@ -31,8 +33,8 @@ def calib(arguments: Sequence[str]) -> CommandResult:
     ) as process:
         os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
         out, err = process.communicate()
-    lines = err.strip().splitlines() or [
-        f"calib ended with {process.returncode} and printed nothing."
-    ]
-    remarks = [line for line in lines if line.startswith(REMARKS)]
-    return CommandResult(process.returncode, out, lines[-1].removeprefix("calib: error: "), remarks)
+    lines = [line for line in err.strip().splitlines() if not PROGRESS.search(line)]
+    if not process.returncode:
+        return CommandResult(0, out, "", lines)
+    *remarks, reason = lines or [f"calib ended with {process.returncode} and printed nothing."]
+    return CommandResult(process.returncode, out, reason.removeprefix("calib: error: "), remarks)

@@ -10,7 +10,7 @@ from typing import ClassVar
 from textual import on, work
 from textual.app import App, ComposeResult
 from textual.binding import Binding
-from textual.containers import Horizontal, Vertical
+from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
 from textual.widgets import Button, Footer, Input, Label, Select, Static
 
@@ -68,7 +68,7 @@ class ExportScreen(Dialog[str]):
     ExportScreen .row { height: 1; margin: 0 0 1 0; }
     ExportScreen .row Label { width: 18; }
     ExportScreen .row Input, ExportScreen .row Select { width: 1fr; height: 1; }
-    ExportScreen #said { height: 1fr; }
+    ExportScreen #result { height: 1fr; }
     ExportScreen #said.wrong { color: $text-error; }
     ExportScreen #said.care { color: $text-warning; }
     """
@@ -76,16 +76,25 @@ class ExportScreen(Dialog[str]):
         *TYPING,
         Binding("ctrl+s", "export", "Export", key_display="^s", priority=True),
         Binding("escape", "back", "Back", key_display="esc"),
+        Binding("pageup", "scroll(-3)", show=False),
+        Binding("pagedown", "scroll(3)", show=False),
     ]
 
     class MapsExported(Message):
         """The command has ended, perhaps after its screen was left; so this goes to the app."""
 
-        def __init__(self, screen: "ExportScreen", sentence: str, written: Sequence[Path]) -> None:
+        def __init__(
+            self,
+            screen: "ExportScreen",
+            sentence: str,
+            written: Sequence[Path],
+            remarks: Sequence[str],
+        ) -> None:
             super().__init__()
             self.screen = screen
             self.sentence = sentence
             self.written = written
+            self.remarks = remarks
 
     def __init__(
         self,
@@ -148,7 +157,8 @@ class ExportScreen(Dialog[str]):
             advice.display = self._in_air
             yield advice
             yield Button("Export", id="export", variant="primary", compact=True)
-            yield Static(id="said", markup=False)
+            with VerticalScroll(id="result", can_focus=False):
+                yield Static(id="said", markup=False)
         yield SizeNotice()
         yield Footer(show_command_palette=False, compact=True)
 
@@ -179,6 +189,9 @@ class ExportScreen(Dialog[str]):
 
     def action_back(self) -> None:
         self.dismiss(self._summary)
+
+    def action_scroll(self, by: int) -> None:
+        self.query_one("#result").scroll_relative(y=by, animate=False)
 
     def action_onward(self) -> None:
         focus_next_field(self)
@@ -239,9 +252,9 @@ class ExportScreen(Dialog[str]):
             if done.returncode
             else _describe_straight(written, depths, folder)
             if form == STRAIGHT
-            else _describe_files(written, remarks)
+            else _describe_files(written)
         )
-        app.post_message(self.MapsExported(self, sentence, written))
+        app.post_message(self.MapsExported(self, sentence, written, list(dict.fromkeys(remarks))))
 
     def show_result(self, message: MapsExported) -> None:
         """Show the result. The fields may have changed meanwhile: a message about an invalid field
@@ -257,11 +270,8 @@ class ExportScreen(Dialog[str]):
         if self.is_invalid:
             self.notify(message.sentence, markup=False)
         else:
-            self._say(
-                f"{message.sentence}\n{EXPORT_DONE}"
-                if any(map(is_map, message.written))
-                else message.sentence
-            )
+            done = [EXPORT_DONE] if any(map(is_map, message.written)) else []
+            self._say("\n".join([message.sentence, *done, *message.remarks]))
 
     def _say(self, sentence: str, *, tone: str = "") -> None:
         said = self.query_one("#said", Static)
@@ -330,12 +340,12 @@ def _describe_straight(written: Sequence[Path], depths: Sequence[str], folder: P
     return f"Wrote {count} for {metres}\nin {harmless(str(folder.resolve()))}"
 
 
-def _describe_files(written: Sequence[Path], remarks: Sequence[str]) -> str:
+def _describe_files(written: Sequence[Path]) -> str:
     count = len(written)
     names = " ".join(path.name for path in written[:MAX_NAMES])
     suffix = f" and {count - MAX_NAMES} more" if count > MAX_NAMES else ""
     summary = f"Wrote {names}{suffix}\nin {harmless(str(written[0].parent.resolve()))}"
-    return "\n".join([summary, *([] if any(map(is_map, written)) else [NO_MAP]), *remarks])
+    return summary if any(map(is_map, written)) else f"{summary}\n{NO_MAP}"
 
 
 def _option(name: str, summary: str) -> tuple[str, str]:

@@ -14,7 +14,7 @@ from textual.pilot import Pilot
 from textual.widgets import Select
 
 from calib.export.formats import BRIEF, FORMATS
-from capture.tui.command import CommandResult
+from capture.tui.command import CommandResult, calib
 from capture.tui.export import (
     FURTHER,
     NO_DEPTH,
@@ -273,6 +273,56 @@ async def _straight(session: Path) -> None:
         await write(pilot, "0.5 1")
         await pilot.press("shift+tab", "ctrl+s")
         await see(pilot, "That is all")
+
+
+BAR = "Maps                   ━━━━━━━━━━━━━━━━━━━━    3/3    0:00:00  "
+NOTES = (
+    "opencv: off by 0.225 px RMS at 1 m, with 12 coefficients.",
+    "Take care: the camera model is off by up to 0.50 px.",
+    "Note: 3 % of the straight picture is black.",
+)
+
+
+@pytest.mark.parametrize("code", [0, 2])
+def test_the_remarks_of_the_command_are_shown_and_its_bars_are_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
+) -> None:
+    lines = [BAR, *NOTES, *["calib: error: no space."][:code]]
+    program = tmp_path / "python"
+    program.write_text(
+        "#!/bin/sh\n" + "".join(f"echo '{line}' >&2\n" for line in lines) + f"exit {code}\n"
+    )
+    program.chmod(0o755)
+    monkeypatch.setattr("sys.executable", str(program))
+    result = calib([])
+    assert result.remarks == list(NOTES)
+    assert result.sentence == ("no space." if code else "")
+
+
+@pytest.mark.parametrize("form", ["npz", STRAIGHT])
+def test_remarks_stand_below_the_result_and_scroll(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
+) -> None:
+    (tmp_path / "frames").mkdir()
+    remarks = [*NOTES, *(f"Note: {number}, {'word ' * 20}." for number in range(5))]
+    written = f"{tmp_path / 'map_1m.npz'}\n"
+    monkeypatch.setattr(
+        "capture.tui.export.calib", lambda _: CommandResult(0, written, "", remarks)
+    )
+    drive(_with_remarks(tmp_path, form))
+
+
+async def _with_remarks(session: Path, form: str) -> None:
+    async with running(session) as pilot:
+        screen = ExportScreen(session, session / "calibration", 1.0, pictures=session / "frames")
+        pilot.app.push_screen(screen)
+        await see(pilot, "depths in metres")
+        screen.query_one("#form", Select).value = form
+        await pilot.press("ctrl+s")
+        await see(pilot, "Take care: the camera model is off by up to 0.50 px.")
+        assert "Note: 4, " not in shown(pilot)
+        await pilot.press(*["pagedown"] * 6)
+        await see(pilot, "Note: 4, ")
 
 
 @pytest.mark.parametrize("form", sorted(WATERS))
