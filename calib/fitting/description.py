@@ -60,8 +60,10 @@ HELD_AS_ASKED = "None was fitted, as you asked."
 HELD_BY_FIT = (
     "None was fitted: when they are estimated, some leave their tolerances, so your values stand."
 )
-MAX_UNMEASURED = 0.3
-"""The largest difference from the declared number, in tolerances, of one that is not measured."""
+MAX_UNMEASURED = 0.9
+"""The largest difference from the declared number, in tolerances, of one that is not measured: two
+standard deviations of an estimate that leaves 0.9 of the tolerance, 0.44 each.
+"""
 NOTABLE_DIFFERENCE = 0.1
 """The smallest difference from the declared number that is stated, in tolerances."""
 PRINTED_COLUMNS = 4

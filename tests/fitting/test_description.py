@@ -51,6 +51,21 @@ def test_a_number_has_its_sigma_what_was_declared_and_how_they_agree(plain: Cali
     )
 
 
+@pytest.mark.parametrize(
+    ("index", "sigma", "remark"),
+    [(1.506, 0.019, "not measured"), (1.506, 0.015, ""), (1.53, 0.019, "")],
+    ids=["as declared", "narrowed", "moved far"],
+)
+def test_a_number_that_the_pictures_do_not_narrow_is_marked(
+    plain: Calibration, index: float, sigma: float, remark: str
+) -> None:
+    name = "cover.refractive_index"
+    cover = plain.cover.replace_numbers({name: Number(index, sigma)})
+    declared = plain.declared.cover.replace_numbers({name: Number(1.5, 0.02)})
+    rows = _rows(replace(plain, cover=cover, stated=replace(plain.declared, cover=declared)))
+    assert rows[name][3] == remark
+
+
 def test_a_focal_length_that_is_hardly_known_is_marked(plain: Calibration) -> None:
     intrinsics = plain.camera.intrinsics
     assert intrinsics
