@@ -61,11 +61,14 @@ def _escaped(character: str) -> str:
 
 
 def meant(foreign: object, choices: Sequence[str]) -> str:
-    """Return the choice that a word may have been meant as; "" if none is close."""
-    word = brief(foreign)
+    """Return the choice that a word, in small letters or capitals, may have been meant as; "" if
+    none is close.
+    """
+    word = brief(foreign).lower()
     if SYNONYMS.get(word) in choices:
         return SYNONYMS[word]
-    return next(iter(get_close_matches(word, choices, 1, CLOSE)), "")
+    spellings = {choice.lower(): choice for choice in choices}
+    return "".join(spellings[close] for close in get_close_matches(word, spellings, 1, CLOSE))
 
 
 class RefracalError(Exception):

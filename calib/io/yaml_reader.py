@@ -20,8 +20,16 @@ MAX_NODES = 1_000_000
 """The largest number of keys and values, each counted as often as aliases repeat it."""
 
 
-MISALIGNED = "mapping values are not allowed here"
-"""PyYAML's words on a second colon: mostly, a key is indented more than those before it."""
+ADVICE = {
+    "mapping values are not allowed here": (  # mostly, a key is indented more than those before it
+        "begin the keys of one section in the same column, and put a text with a colon in quotes"
+    ),
+    "found character '\\t' that cannot start any token": "indent the line by blanks, not by a tab",
+    "but found another document": "remove the line --- and one of the two documents",
+}
+"""What to correct, by PyYAML's words on the problem."""
+TWICE = "comes twice, first in line"
+"""The words on a repeated key."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -81,12 +89,9 @@ def _advice(text: str, error: yaml.MarkedYAMLError) -> str:
         name = unicodedata.name(odd, "strange blank").lower()
         advice = "type a plain space" if odd.isspace() else "delete it, as it is not visible"
         return f"the line has a {name}: {advice}"
-    if error.problem == MISALIGNED:
-        return (
-            "begin the keys of one section in the same column, and put a text with a colon in"
-            " quotes"
-        )
-    return "correct the YAML there"
+    if TWICE in str(error.problem):
+        return "remove one"
+    return ADVICE.get(str(error.problem), "correct the YAML there")
 
 
 def _load(text: str) -> object:
@@ -146,7 +151,7 @@ def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[str, object]:
         key = str(loader.construct_object(key_node, deep=True))
         if key in mapping:
             raise yaml.MarkedYAMLError(
-                problem=f'the key "{key}" comes twice, first in line {lines[key]}: remove one',
+                problem=f'the key "{key}" {TWICE} {lines[key]}',
                 problem_mark=key_node.start_mark,
             )
         lines[key] = key_node.start_mark.line + 1

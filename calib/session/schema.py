@@ -198,6 +198,12 @@ class Section:
     def get(self, key: str, expected: str) -> object:
         """Return the value; raise InputError if the key is missing."""
         if key not in self.values:
+            similar = next((name for name in self.values if name.lower() == key), "")
+            if similar:
+                raise InputError(
+                    f"{self.file}: {self.key_path(similar)} is no key: write it in small letters,"
+                    f" {key}."
+                )
             raise InputError(f"{self.file}: {self.key_path(key)} is missing: write {expected}.")
         return self.values[key]
 
@@ -230,7 +236,10 @@ class Section:
         for option in options:
             if type(value) is type(option) and value == option:
                 return option
-        close = meant(value, [str(option) for option in options]) if isinstance(value, str) else ""
+        texts = [str(option) for option in options]
+        if isinstance(value, str) and value in texts:
+            raise self.error(key, value, f"{value} without quotes")
+        close = meant(value, texts) if isinstance(value, str) else ""
         raise self.error(key, value, f"{close}, or {expected}" if close else expected)
 
     def read(self, quantity: Quantity) -> dict[str, Number]:

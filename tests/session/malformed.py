@@ -204,10 +204,19 @@ MALFORMED: tuple[Malformed, ...] = (
         ("session.yaml, line 6", '"width" comes twice, first in line 5: remove one'),
     ),
     Malformed(
+        "tab", _yaml("  width", "\twidth"), ("line 5: found character", "indent the line by blanks")
+    ),
+    Malformed(
+        "two documents",
+        _write("session.yaml", f"---\n{SESSION}---\na: 1"),
+        ("remove the line ---",),
+    ),
+    Malformed(
         "format of the future",
         _yaml("format: 1", "format: 2"),
         ("format is 2: write 1", "this version"),
     ),
+    Malformed("format in quotes", _yaml("t: 1", "t: '1'"), ("write 1 without quotes.",)),
     Malformed("format missing", _yaml("format: 1\n", ""), ("format is missing: write 1",)),
     Malformed(
         "unknown key",
@@ -247,6 +256,8 @@ MALFORMED: tuple[Malformed, ...] = (
         _yaml("shape: cone", "shape: cylindre"),
         ("cover.shape", "cylindre", "cylinder"),
     ),
+    Malformed("shape in capitals", _yaml(": cone", ": DOM"), ("write dome, or one of none",)),
+    Malformed("key in capitals", _yaml("shape:", "Shape:"), ("write it in small letters, shape",)),
     Malformed("shape missing", _yaml("  shape: cone\n", ""), ("cover.shape is missing", "dome")),
     Malformed(
         "key missing",
