@@ -48,11 +48,16 @@ DESCRIPTION = "session.yaml"
 RIG = "rig.yaml"
 DESCRIPTION_NAMES = ("session.yaml", "session.yml")
 """Names that people give it, in any case."""
+CAMERA = re.compile("/dev/(video|media)[0-9]+")
 EXAMPLE = "--board 9x6 --square-mm 25"
 """The options of a command that describes a board, as messages quote them."""
 
 
 COMMAND = "The command line"
+LEVELS = ("*", "*/*", "*/*/*")
+"""The levels below a folder without pictures where they are looked for: cards of cameras have
+DCIM/100CANON, data sets cam0/data.
+"""
 MAX_INNER = 8
 """Folders that a message lists."""
 MIN_PICTURES = 3
@@ -132,6 +137,11 @@ def _check_no_calibration(path: Path) -> None:
 
 
 def _check_exists(path: Path) -> None:
+    if CAMERA.fullmatch(str(path)):
+        raise InputError(
+            f"{path} is a camera, and a fit takes pictures: record some by capture SESSION --source"
+            f" v4l2:{path}. capture sources lists the cameras."
+        )
     with reading(path):
         if path.exists():
             return
@@ -194,7 +204,11 @@ def _find_advice(folder: Path) -> str:
     """Return what to do about a folder without pictures: name its folders that have some, or
     convert files of another type.
     """
-    inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and list_images(path)]
+    levels = (
+        [path for path in sorted(folder.glob(level)) if _holds_pictures(path, folder)]
+        for level in LEVELS
+    )
+    inner = next(filter(None, levels), [])
     if inner and not (folder / RIG).is_file():
         names = ", ".join(str(path) for path in inner[:MAX_INNER])
         command = f"calib fit {shell_path(inner[0])} {EXAMPLE}"
@@ -206,6 +220,18 @@ def _find_advice(folder: Path) -> str:
         files = f"{shell_path(folder)}/*{convertible[0].suffix}"
         return f"convert them, such as by mogrify -format png {files} (of ImageMagick)."
     return f"record some by capture {shell_path(folder)}, or put {TYPES} files there."
+
+
+def _holds_pictures(path: Path, folder: Path) -> bool:
+    """Return True for a folder below another one that has pictures, can be read and is not
+    hidden.
+    """
+    if any(name.startswith(".") for name in path.relative_to(folder).parts):
+        return False
+    try:
+        return path.is_dir() and bool(list_images(path))
+    except (OSError, InputError):
+        return False
 
 
 def choose_pictures(source: NamedPictures, camera: str | None) -> NamedPictures:

@@ -389,6 +389,8 @@ def test_pictures_in_a_folder_that_cannot_be_written_become_a_session_of_the_out
     ("words", "says"),
     [
         (["nowhere"], "nowhere is not a folder, a picture or a video that exists"),
+        (["data"], "(data/cam0/data), such as calib fit data/cam0/data --board 9x6"),
+        (["/dev/video0"], "record some by capture SESSION --source v4l2:/dev/video0"),
         (["empty"], "has no session.yaml and no pictures: record some by capture empty"),
         (["phone"], "IMG_1.HEIC: convert them, such as by mogrify -format png phone/*.HEIC"),
         (["card"], "(card/100, card/101), such as calib fit card/100 --board 9x6 --square-mm 25"),
@@ -432,8 +434,8 @@ def test_a_refusal_names_what_would_do(
     Path("empty").mkdir()
     Path("phone").mkdir()
     Path("phone/IMG_1.HEIC").touch()
-    for folder in ("100", "101"):
-        shutil.copytree(photos, Path("card") / folder)
+    for folder in ("card/100", "card/101", "data/cam0/data", "data/.trash/data"):
+        shutil.copytree(photos, folder)
     Path("films").mkdir()
     Path("films/a.mp4").touch()
     for name in ("text.txt", "text.avi"):
