@@ -4,7 +4,9 @@ This module imports nothing slow.
 """
 
 import argparse
+import codecs
 import contextlib
+import io
 import os
 import sys
 import traceback
@@ -22,10 +24,12 @@ from calib.commands.parser import (
     examples_of,
     with_choices_below,
 )
-from calib.commands.printing import print_error
+from calib.commands.printing import drop, print_error
 from calib.errors import RefracalError, brief
 from calib.version import VERSION
 
+PLAIN = {"±": "+-", "µ": "u", "²": "^2", "°": " deg"}
+"""Spellings in ASCII; other characters become escapes."""
 QUIET = "print no progress and no remarks"
 
 
@@ -53,6 +57,7 @@ def run_command(
         epilog: the text below the list of commands.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    _spell_plainly()
     parser = _parser(program, description, commands, groups, epilog)
     words = list(sys.argv[1:] if argv is None else argv)
     if words[:1] == ["help"]:  # as git has it
@@ -74,7 +79,11 @@ def run_command(
         print(f"{program}: interrupted.", file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader of a pipe may stop early
-        _drop_stdout()
+        drop(sys.stdout)
+        return 0
+    except SystemExit as stop:  # rich exits with 1 there
+        if not isinstance(stop.__context__, BrokenPipeError):
+            raise
         return 0
     except Exception as error:
         if (
@@ -82,7 +91,7 @@ def run_command(
         ):  # the error names no file, so it concerns stdout
             reason = f"the result cannot be printed ({error.strerror})"
             print_error(program, f"{reason}: send stdout to another place.")
-            _drop_stdout()
+            drop(sys.stdout)
             return 2
         if "REFRACAL_TRACEBACK" in os.environ:
             traceback.print_exc()
@@ -100,9 +109,21 @@ def _silence_remarks() -> Iterator[None]:
         yield
 
 
-def _drop_stdout() -> None:
-    """Redirect stdout to nowhere, so that Python does not write its buffer again at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _spell_plainly() -> None:
+    """Let stdout and stderr spell what their encoding does not have, such as ± in ASCII."""
+    codecs.register_error("plain", _plain_spelling)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and codecs.lookup(stream.encoding).name != "utf-8":
+            stream.reconfigure(errors="plain")
+
+
+def _plain_spelling(error: UnicodeError) -> tuple[str, int]:
+    """Return the spelling of the characters that cannot be encoded, and where they end."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    characters = error.object[error.start : error.end]
+    escapes = (PLAIN.get(c) or c.encode("ascii", "backslashreplace").decode() for c in characters)
+    return "".join(escapes), error.end
 
 
 def _parser(

@@ -1,5 +1,6 @@
 """Progress bars on stderr, and tables on stdout."""
 
+import sys
 from collections.abc import Iterator, Sequence
 from types import TracebackType
 
@@ -17,6 +18,7 @@ from calib.apply.angular_reach import undistortion_limit
 from calib.apply.map_uncertainty import describe_sigmas, map_sigmas
 from calib.calibration import Calibration
 from calib.calibration_content import Stage
+from calib.commands.printing import drop
 from calib.corners.copies import describe_still
 from calib.corners.view import RejectedPicture
 from calib.errors import InputError, brief, harmless
@@ -44,6 +46,14 @@ TITLE_WIDTH = 22
 BAR_WIDTH = 20
 
 
+class _Narrator(Console):
+    """A console whose work goes on where nobody reads what it prints any more."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        drop(sys.stderr)
+
+
 class Bars:
     """Progress bars on stderr, one for each task."""
 
@@ -55,7 +65,7 @@ class Bars:
             TimeElapsedColumn(table_column=_column(7)),
             TextColumn("{task.fields[words]}", markup=False, table_column=_column()),
         )
-        self._progress = Progress(*columns, console=Console(stderr=True))
+        self._progress = Progress(*columns, console=_Narrator(stderr=True))
 
     def __enter__(self) -> "Bars":
         return self

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from calib.errors import harmless
 from calib.io.json_text import json_text
@@ -48,12 +49,20 @@ def print_error(program: str, message: str) -> None:
 def _print_behind(word: str, style: str, text: str) -> None:
     """Print a text on stderr behind a word, which a terminal shows in a style."""
     if not sys.stderr.isatty():  # without rich, which takes a tenth of a second to load
-        print(f"{word}{text}", file=sys.stderr)
+        try:
+            print(f"{word}{text}", file=sys.stderr)
+        except BrokenPipeError:  # nobody reads on: the work goes on
+            drop(sys.stderr)
         return
     from rich.console import Console
     from rich.text import Text
 
     Console(stderr=True, soft_wrap=True).print(Text.assemble((word, style), text))
+
+
+def drop(stream: TextIO) -> None:
+    """Redirect a stream to nowhere, so that Python does not write its buffer again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def verdict_mapping(verdict: Verdict, written: Sequence[Path]) -> dict[str, object]:

@@ -485,6 +485,37 @@ def test_a_result_that_cannot_be_printed_is_one_sentence(
     )
 
 
+def in_process(
+    words: tuple[str, ...], encoding: str = "utf-8", **pipes: int
+) -> subprocess.CompletedProcess[str]:
+    env = {**os.environ, "PYTHONIOENCODING": encoding}
+    command = [sys.executable, "-m", "calib", *words]
+    return subprocess.run(command, text=True, check=False, env=env, **pipes)  # type: ignore[call-overload, no-any-return]
+
+
+@pytest.mark.slow
+def test_a_reader_that_stops_early_is_no_error(
+    fitted: tuple[Path, dict[str, object]], tmp_path: Path
+) -> None:
+    """`| head` takes the table's first lines, and `2>&1 | true` no line; the files are complete."""
+    (tmp_path / "points.csv").write_text("x,y\n200,150\n")
+    calibration = str(fitted[0] / "calibration")
+    measure = ("measure", calibration, str(tmp_path / "points.csv"), "--depth", "1")
+    export = ("export", calibration, "--format", "npz", "--depth", "1", "-o", str(tmp_path))
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = in_process(measure, stdout=writer, stderr=subprocess.PIPE)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert in_process(export, stdout=writer, stderr=writer).returncode == 0
+    finally:
+        os.close(writer)
+    assert (tmp_path / "map_1m.npz").exists()
+    done = in_process(measure, "ascii", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert done.returncode == 0
+    assert "metres +- sigma" in done.stdout
+
+
 def test_an_interrupted_command_prints_only_that(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
