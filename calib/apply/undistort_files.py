@@ -25,6 +25,7 @@ from calib.io.images import (
     DamagedPictureError,
     list_images,
     read_image,
+    session_pictures,
 )
 from calib.io.output_folder import OutputFolder
 from calib.io.videos import VIDEOS, list_videos
@@ -85,7 +86,7 @@ def undistort_files(
     paths: list[Path] = []
     for path in inputs:
         with reading(path):
-            paths += (*list_images(path), *list_videos(path)) if path.is_dir() else (path,)
+            paths += (*_pictures(path), *list_videos(path)) if path.is_dir() else (path,)
     paths = list(dict.fromkeys(paths))
     _check_names(paths, output.path)
     _check_depth_images(paths, options.depth, output.path)
@@ -124,6 +125,11 @@ def undistort_files(
     advance(len(paths), "")
     black = 1 - float(undistorter.valid.mean())
     return UndistortedFiles(tuple(written), tuple(cut_off), tuple(damaged), black)
+
+
+def _pictures(folder: Path) -> tuple[Path, ...]:
+    """Return the pictures of a folder, or of the session that it is."""
+    return list_images(folder) or session_pictures(folder)
 
 
 def _undistort_picture(path: Path, image: Image, undistorter: Undistorter) -> Image:

@@ -25,7 +25,7 @@ from calib.commands.parser import (
     with_choices_below,
 )
 from calib.commands.printing import drop, print_error
-from calib.errors import RefracalError, brief
+from calib.errors import InputError, RefracalError, brief
 from calib.version import VERSION
 
 PLAIN = {"±": "+-", "µ": "u", "²": "^2", "°": " deg"}
@@ -58,6 +58,8 @@ def run_command(
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     _spell_plainly()
+    if os.environ.get("COLUMNS") == "0":  # a terminal without a size: rich would print nothing
+        del os.environ["COLUMNS"]
     parser = _parser(program, description, commands, groups, epilog)
     words = list(sys.argv[1:] if argv is None else argv)
     if words[:1] == ["help"]:  # as git has it
@@ -69,6 +71,7 @@ def run_command(
     try:
         args = parser.parse_args(words)
         args.words = list(words)
+        _check_current_folder()
         with _silence_remarks() if getattr(args, "quiet", False) else contextlib.nullcontext():
             code: int | None = args.run(args)
         print(end="", flush=True)  # a full disk raises here; at exit it would be a traceback
@@ -107,6 +110,16 @@ def _silence_remarks() -> Iterator[None]:
     """A context in which nothing that is printed on stderr appears: progress bars and remarks."""
     with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stderr(nowhere):
         yield
+
+
+def _check_current_folder() -> None:
+    """Raise InputError if the folder in which the program was started is gone: torch would end the
+    process there without a word of ours.
+    """
+    try:
+        Path.cwd()
+    except FileNotFoundError as error:
+        raise InputError("The current folder was removed: change to another one.") from error
 
 
 def _spell_plainly() -> None:

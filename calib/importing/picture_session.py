@@ -154,6 +154,10 @@ def _check_exists(path: Path) -> None:
 def _picture(path: Path) -> Path:
     if path.name == RIG:
         raise InputError(f"{path} describes a rig: calib rig fit {shell_path(path)} calibrates it.")
+    if path.name == DESCRIPTION:
+        raise InputError(
+            f"{path} describes a session: calib fit {shell_path(path.parent)} calibrates it."
+        )
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(
             f"{path} is neither a picture nor a video: give {TYPES} files, a folder of them,"
@@ -165,16 +169,16 @@ def _picture(path: Path) -> Path:
 def _in_folder(folder: Path, words: str) -> NamedPictures:
     """Return the pictures of a folder, which may be a session."""
     with reading(folder):
-        is_inner = (
-            folder.name in ("frames", "bare") and (folder.resolve().parent / DESCRIPTION).exists()
-        )
+        place = folder.absolute()
+        session = place.resolve().parent
+        is_inner = place.name in ("frames", "bare") and (session / DESCRIPTION).exists()
         described = (folder / DESCRIPTION).exists()
         if not described:
             _check_description_name(folder)
     if is_inner and not described:
-        session = shell_path(folder.parent)
+        around = folder.parent if folder.name else folder / ".."
         raise InputError(
-            f"{folder} belongs to the session {folder.parent}: type calib fit {session},"
+            f"{folder} belongs to the session {around}: type calib fit {shell_path(around)},"
             " or copy the pictures elsewhere to describe them anew."
         )
     pictures = session_pictures(folder)

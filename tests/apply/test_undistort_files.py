@@ -84,6 +84,13 @@ def test_a_quoted_pattern_names_the_pictures_that_match(
     assert f"No picture matches {folder / '*.jpg'}: give a folder" in capsys.readouterr().err
 
 
+def test_a_session_has_its_pictures_in_frames(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "s" / "frames").mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "s" / "frames" / "a.png"), ramp(0))
+    assert run(folder, tmp_path / "s", "--depth", "0.5", "-o", tmp_path / "out") == 0
+    assert (tmp_path / "out" / "a.png").is_file()
+
+
 def test_a_folder_may_hold_videos_and_pictures(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

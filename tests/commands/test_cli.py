@@ -485,6 +485,16 @@ def test_a_result_that_cannot_be_printed_is_one_sentence(
     )
 
 
+def test_a_command_in_a_removed_folder_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert main(["fit", str(tmp_path)]) == 2
+    assert "The current folder was removed: change to another" in capsys.readouterr().err
+
+
 def in_process(
     words: tuple[str, ...], encoding: str = "utf-8", **pipes: int
 ) -> subprocess.CompletedProcess[str]:

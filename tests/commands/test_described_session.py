@@ -391,6 +391,7 @@ def test_pictures_in_a_folder_that_cannot_be_written_become_a_session_of_the_out
         (["nowhere"], "nowhere is not a folder, a picture or a video that exists"),
         (["data"], "(data/cam0/data), such as calib fit data/cam0/data --board 9x6"),
         (["/dev/video0"], "record some by capture SESSION --source v4l2:/dev/video0"),
+        (["made/session.yaml"], "describes a session: calib fit made calibrates it"),
         (["empty"], "has no session.yaml and no pictures: record some by capture empty"),
         (["phone"], "IMG_1.HEIC: convert them, such as by mogrify -format png phone/*.HEIC"),
         (["card"], "(card/100, card/101), such as calib fit card/100 --board 9x6 --square-mm 25"),
@@ -432,6 +433,8 @@ def test_a_refusal_names_what_would_do(
 ) -> None:
     assert photos.is_dir()
     Path("empty").mkdir()
+    Path("made").mkdir()
+    Path("made/session.yaml").touch()
     Path("phone").mkdir()
     Path("phone/IMG_1.HEIC").touch()
     for folder in ("card/100", "card/101", "data/cam0/data", "data/.trash/data"):
@@ -451,6 +454,16 @@ def test_a_refusal_names_what_would_do(
         assert main(["fit", *words]) == 2
     assert says in " ".join(capsys.readouterr().err.split())
     assert Path("taken/thesis.tex").read_text() == "mine"
+
+
+def test_the_frames_of_a_session_are_known_from_within(
+    photos: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(photos, "s/frames")
+    Path("s/session.yaml").touch()
+    monkeypatch.chdir("s/frames")
+    with pytest.raises(InputError, match=r"^\. belongs to the session \.\.: type calib fit \.\.,"):
+        described(".", *BOARD)
 
 
 def test_other_commands_name_the_one_that_makes_a_session(photos: Path, film: Path) -> None:
