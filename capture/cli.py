@@ -1,6 +1,5 @@
 """The program `capture`."""
 
-import os
 import sys
 from collections.abc import Sequence
 
@@ -31,7 +30,6 @@ The name of the first may be omitted: an argument that names no command is its S
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `capture` with these arguments and return its exit code."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     argv = sys.argv[1:] if argv is None else list(argv)
     if not argv:
         print_error(
