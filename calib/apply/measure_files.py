@@ -244,7 +244,7 @@ def _read_table(
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     try:
         reader = csv.reader(lines, skipinitialspace=True)
-        header = [name.strip() for name in next(reader, ())]
+        header = [name.strip().lower() for name in next(reader, ())]
         table = [dict(zip(header, cells, strict=False)) for cells in reader]
     except csv.Error as error:
         raise InputError(

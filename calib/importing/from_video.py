@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calib.errors import InputError
 from calib.importing.session_draft import SessionDraft
 from calib.io.images import Image
-from calib.io.videos import open_video, promised_frames
+from calib.io.videos import breaks_off, open_video, promised_frames
 from calib.progress import Advance, Progress, Silent
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -72,6 +72,16 @@ def _measure(path: Path) -> tuple[int, int, int]:
         video.release()
     height, width = pixels.shape[:2]
     return width, height, count
+
+
+def describe_end(path: Path, last: int) -> tuple[str, ...]:
+    """Return a sentence on a video that breaks off, by the number of the last frame that was kept:
+    the sharpest of its part, which ends at most one part later.
+    """
+    _, _, count = _measure(path)
+    if not breaks_off(last + 1 + -(-count // MAX_FRAMES), count):
+        return ()
+    return (f"{path} breaks off near frame {last} of {count}: copy it again for all of them.",)
 
 
 def _encode(path: Path, digits: int, progress: Progress) -> Iterator[tuple[str, bytes]]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from calib.corners.detect import eight_bits
 from calib.errors import InputError, brief
 from calib.importing.from_pictures import PictureContents, describe_unread, uniform_pictures
-from calib.importing.from_video import from_video, sharpest_frames
+from calib.importing.from_video import describe_end, from_video, sharpest_frames
 from calib.io.camera_names import ALL, choose_camera
 from calib.io.exif import camera_settings
 from calib.io.files import make_folder, read_file, reading
@@ -358,7 +358,9 @@ def describe_pictures(
     text = commented_session(board_to_yaml(board), camera, cover, remarks)
     session_from_mapping({"board": board_to_yaml(board), "camera": camera, "cover": cover}, COMMAND)
     if not source.in_place:
-        _copy(source.session, frames)
+        names = _copy(source.session, frames)
+        if source.video and names:
+            notices = describe_end(source.video, int(Path(names[-1]).stem))
     _output(source).write(DESCRIPTION, text)
     return notices
 
@@ -399,8 +401,10 @@ def _is_made_by_calib(folder: Path) -> bool:
     return any((place / LEDGER).exists() for place in (folder, folder / "frames"))
 
 
-def _copy(session: Path, frames: Iterable[tuple[str, bytes]]) -> None:
-    """Write the pictures into frames/, and remove those that an earlier call wrote there."""
+def _copy(session: Path, frames: Iterable[tuple[str, bytes]]) -> list[str]:
+    """Write the pictures into frames/, remove those that an earlier call wrote there, and return
+    their names.
+    """
     folder = session / "frames"
     make_folder(folder)
     output = OutputFolder(folder, flag="", elsewhere="move it elsewhere")
@@ -411,8 +415,10 @@ def _copy(session: Path, frames: Iterable[tuple[str, bytes]]) -> None:
             f"{foreign[0]} is not a copy that calib fit made: move it elsewhere, or calibrate the"
             f" session as it is by calib fit {shell_path(session)}"
         )
+    names: list[str] = []
     for name, data in frames:
         output.write(name, data)
-        stale.discard(name)
-    for name in stale:
+        names.append(name)
+    for name in stale.difference(names):
         (folder / name).unlink()
+    return names

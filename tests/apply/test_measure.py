@@ -453,6 +453,11 @@ def test_points_files_get_their_sentence(tmp_path: Path, text: str, says: str) -
         read_points(tmp_path / "p.csv")
 
 
+def test_the_columns_may_have_capitals(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text("X,Y,Image\n1,2,a.png\n")
+    assert read_points(tmp_path / "p.csv") == [Point("1", "a.png", 1.0, 2.0)]
+
+
 def test_files_that_cannot_be_read_get_their_sentence(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="not a text file"):

@@ -326,6 +326,18 @@ def test_the_sharpest_frames_of_a_video_are_a_session(film: Path) -> None:
     assert {15 * number + 7 for number in range(8)} <= numbers
 
 
+@pytest.mark.parametrize(("kept", "says"), [(1.0, ""), (0.6, "film.avi breaks off near frame ")])
+def test_a_video_that_breaks_off_is_said_to(
+    film: Path, capsys: pytest.CaptureFixture[str], kept: float, says: str
+) -> None:
+    data = film.read_bytes()
+    film.write_bytes(data[: int(kept * len(data))])
+    described(str(film), *BOARD)
+    err = capsys.readouterr().err
+    assert ("breaks off" in err) == bool(says)
+    assert says in err
+
+
 @pytest.mark.parametrize("source", ["photos", pytest.param("film", marks=pytest.mark.slow)])
 def test_a_board_that_is_not_described_is_looked_for(
     source: str, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
