@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib import InputError, Measurer, RefracalError, TagLocator, Undistorter
+from calib import InputError, Measurer, RefracalError, TagLocator, Undistorter, WrongTypeError
 from calib.apply.measure import BoardPose
 from calib.apply.water import index_of_water
 from calib.calibration import MIN_FIELD_POINTS, Calibration
@@ -342,6 +342,8 @@ def test_a_wrong_shape_is_refused_with_the_expected_one(library: Library) -> Non
         library.undistorter.undistort_points(PIXELS, np.ones(5))
     with pytest.raises(InputError, match="the picture has pixels of int32: give uint8, uint16 or"):
         library.undistorter.undistort(grey(np.int32))
+    with pytest.raises(WrongTypeError, match="the picture is of type NoneType: pass an array of"):
+        library.undistorter.undistort(None)  # type: ignore[arg-type]
 
 
 def test_points_that_are_not_seen_can_be_handed_back(library: Library) -> None:

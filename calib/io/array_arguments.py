@@ -6,12 +6,13 @@ nothing, and accepts it as input.
 """
 
 from collections.abc import Callable, Sequence
+from os import PathLike
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib.errors import InputError, WrongTypeError, brief
+from calib.errors import InputError, WrongTypeError, brief, wrong_type
 from calib.io.numerals import real_number
 
 Array = NDArray[np.float64]
@@ -117,6 +118,8 @@ def picture(image: ArrayLike, width: int, height: int, name: str = "the picture"
     """Return (height, width) or (height, width, channels) pixels, contiguous, in this machine's
     byte order, and of a type that OpenCV takes; InputError if the picture has another size or type.
     """
+    if image is None or isinstance(image, str | PathLike):  # cv2.imread gives None for no picture
+        raise wrong_type(name, image, "an array of pixels, such as cv2.imread gives of a picture")
     pixels = as_array(image, name)
     native = pixels.dtype.newbyteorder("=")
     if pixels.ndim not in (2, 3) or (pixels.ndim == 3 and not 1 <= pixels.shape[2] <= 4):
