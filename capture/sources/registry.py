@@ -1,5 +1,6 @@
 """The registry of sources: where frames can come from, by the first word of `--source`."""
 
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -11,6 +12,9 @@ from calib.errors import InputError, brief, meant
 from calib.session.schema import Section
 from capture.frames import FrameSource
 from capture.typed_path import expand_typed_path
+
+NODE = re.compile("(?:(?:/dev/)?video)?([0-9]{1,3})")
+"""A camera of V4L2 as other programs name it: by its node or its number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,13 +185,9 @@ def _pairs(context: str, query: str) -> dict[str, object]:
 
 def _unknown(context: str, name: str, text: str) -> str:
     close = meant(name, [scheme.name for scheme in SCHEMES])
-    hint = (
-        f" (did you mean {close}?)"
-        if close
-        else f" (did you mean v4l2:{brief(text)}?)"
-        if text.startswith("/dev/video")
-        else ""
-    )
+    node = NODE.fullmatch(text)
+    close = f"v4l2:/dev/video{node[1]}" if node else close
+    hint = f" (did you mean {close}?)" if close else ""
     if text.startswith(("/", "./", "../", "~")) and not hint:
         return f"{text} does not exist: write the path of a folder or a video that does."
     return f"{context} names no kind of source{hint}: {_expected()}"

@@ -26,6 +26,8 @@ from tests.capture.recordings import FIXTURE, noise, write_recording
             ),
         ),
         ("/dev/video0", "did you mean v4l2:/dev/video0?"),
+        ("video2", "did you mean v4l2:/dev/video2?"),
+        ("0", "did you mean v4l2:/dev/video0?"),
         ("vl42:/dev/video0", "did you mean v4l2?"),
         ("folders:x", "did you mean folder?"),
         ("folder:", "does not say which one: write it like folder:PATH"),
