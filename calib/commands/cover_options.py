@@ -10,6 +10,7 @@ from pathlib import Path
 from calib.commands.arguments import Options, quoted, refuse_material
 from calib.errors import InputError
 from calib.session.lens import COEFFICIENTS
+from calib.session.number_spelling import length_in_mm
 from calib.session.schema import UNKNOWN, is_unknown
 from calib.session.shapes.dimension import Dimension
 from calib.session.shapes.layer import LAYER, MEDIA, OUTSIDE, WATER, medium_word
@@ -108,6 +109,11 @@ def typed_list(text: str) -> list[object]:
             "±"
         ) > 1:
             refuse_material(text)
+            if length := length_in_mm(word):
+                raise argparse.ArgumentTypeError(
+                    f"{quoted(word)} is not a number: write {length:g}, in millimetres without a"
+                    " unit"
+                )
             raise argparse.ArgumentTypeError(
                 f"{quoted(text)} is not a number: write one such as 40, or 40+-5 with its"
                 " uncertainty, or unknown, and a list as 0,-30. Lengths are in millimetres, and"

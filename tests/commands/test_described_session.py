@@ -500,6 +500,9 @@ def test_a_number_that_is_none_is_refused_as_it_is_read(capsys: pytest.CaptureFi
         with pytest.raises(SystemExit):
             parsed("x", "--cover", "dome", f"--centre={text}")
         assert "is not a number: write one such as 40, or 40+-5" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        parsed("x", "--cover", "dome", "--radius", "4 cm")
+    assert "'4 cm' is not a number: write 40, in millimetres" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
