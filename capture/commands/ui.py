@@ -201,8 +201,16 @@ def _check_terminal() -> None:
 
     from calib.errors import InputError
 
-    if not (os.environ.get("TEXTUAL_DRIVER") or (sys.stdin.isatty() and sys.stdout.isatty())):
+    if os.environ.get("TEXTUAL_DRIVER"):
+        return
+    instead = "take pictures by `capture record SESSION --source SOURCE`."
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise InputError(
             "There is no terminal to show the screen in: run `capture SESSION` in a terminal, or"
-            " take pictures by `capture record SESSION --source SOURCE`."
+            f" {instead}"
+        )
+    if os.environ.get("TERM") == "dumb":
+        raise InputError(
+            "This terminal shows no screens (TERM is dumb): use `capture SESSION --serve` and a"
+            f" browser, or {instead}"
         )

@@ -466,10 +466,17 @@ def test_a_misspelt_command_is_no_session(capsys: pytest.CaptureFixture[str]) ->
     assert "recrd is not a command: did you mean record?" in capsys.readouterr().err
 
 
-def test_the_screen_needs_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_screen_needs_a_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A word that is not the name of a command is a session. pytest has no terminal."""
     assert main([str(tmp_path / "show")]) == 2
     assert "There is no terminal" in capsys.readouterr().err
+    monkeypatch.setenv("TERM", "dumb")
+    for stream in (sys.stdin, sys.stdout):
+        monkeypatch.setattr(stream, "isatty", lambda: True)
+    assert main([str(tmp_path / "show")]) == 2
+    assert "This terminal shows no screens (TERM is dumb)" in capsys.readouterr().err
     assert not (tmp_path / "show").exists()
 
 
