@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +21,14 @@ from calib.intrinsics.calibrate import BareFit, calibrate_bare
 from calib.io.files import reading
 from calib.io.frames_table import NAME as FRAMES_TABLE
 from calib.io.frames_table import FrameRecord, read_frame_records
-from calib.io.images import TYPES, image_size, list_images, list_unread, most_frequent_size
+from calib.io.images import (
+    TYPES,
+    frames_folder,
+    image_size,
+    list_images,
+    list_unread,
+    most_frequent_size,
+)
 from calib.progress import Progress
 from calib.session.camera import Intrinsics
 from calib.session.fleet_prior import nominal_intrinsics
@@ -91,7 +98,10 @@ def read_views(
             min_views=min_views,
         )
         views = detection.views
-        rejected = (*detection.rejected, *_unread(session))
+        rejected = detection.rejected
+        places = (session.path, session.path.parent)  # bare/ lies in a session
+        if any((place / "session.yaml").exists() for place in places):
+            rejected += _unread(dict.fromkeys(frame.parent for frame in session.frames))
     views, copies = split_copies(views)
     recorded = [
         _with_record(view, records.get(Path(view.name).name, FrameRecord())) for view in views
@@ -99,9 +109,8 @@ def read_views(
     return join_still_poses(recorded), (*rejected, *copies)
 
 
-def _unread(session: Session) -> tuple[RejectedPicture, ...]:
-    """Return the files beside the session's pictures whose type is not read."""
-    folders = dict.fromkeys(frame.parent for frame in session.frames)
+def _unread(folders: Iterable[Path]) -> tuple[RejectedPicture, ...]:
+    """Return the files beside the pictures of folders whose type is not read."""
     return tuple(
         RejectedPicture(path.name, f"its type is not read: save it as {TYPES}")
         for folder in folders
@@ -209,6 +218,7 @@ def session_of_pictures(
             rejected.append(RejectedPicture(file.name, str(error)))
     if not sizes:
         raise InputError(f"No picture can be used: {rejected[0].reason}")
+    rejected += _unread(frames_folder(path) for path in paths if path.is_dir())
     width, height = size = most_frequent_size(sizes)
     readable = [file for file in sizes if sizes[file] == size]
     rejected += [

@@ -22,13 +22,14 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.inputs import read_views
+from calib.fitting.inputs import read_views, session_of_pictures
 from calib.fitting.stages import Setup, fit_stages
 from calib.progress import Advance, Silent
 from calib.session.session import read_session
 from calib.verdict.judge import judge
 from calib.verdict.verdict import Trust
 from fixtures.calibrated import with_outcome
+from fixtures.known import known
 from fixtures.synthetic import INTRINSICS, Scene, scene
 from tests.session.malformed import write_good_session
 from tests.test_calibration import write_session
@@ -318,6 +319,16 @@ def test_copies_strays_and_foreign_files_of_a_session_are_listed(tmp_path: Path)
         InputError, match=r"stray0?\.png is .*, and too few pictures have that size: correct"
     ):
         read_views(read_session(folder), Silent())
+
+
+def test_files_beside_a_picture_that_was_named_are_not_listed(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((240, 320), np.uint8))
+    (tmp_path / "b.heic").touch()
+    calibration = known(scene(1, views=1), 320, 240)
+    *_, beside = session_of_pictures([tmp_path / "a.png"], calibration)
+    *_, inside = session_of_pictures([tmp_path], calibration)
+    assert not beside
+    assert [picture.name for picture in inside] == ["b.heic"]
 
 
 def test_pictures_of_two_states_are_told(made: Scene, tmp_path: Path) -> None:
