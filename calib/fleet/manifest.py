@@ -97,6 +97,8 @@ def _of_csv(path: Path, table: str, base: str) -> Iterator[Entry]:
         raise InputError(
             f"{table} is not a CSV table in UTF-8 ({brief(error)}): save it again as one."
         ) from error
+    if len(head) == 1 and ";" in head[0]:
+        raise InputError(f"{table} has semicolons between its columns: write commas.")
     for index, name in enumerate(head):
         stem, _, end = name.rpartition(".")
         if name in head[:index]:

@@ -60,6 +60,7 @@ def test_a_camera_s_limits_override_those_of_the_yaml(tmp_path: Path) -> None:
         ("id,sesion\na,x\n", "'sesion' is not a column of a fleet: did you mean session"),
         ("id\na\n", "has no column session"),
         ("id,session,id\na,x,b\n", "the column 'id' comes twice"),
+        ("id;session\na;x\n", "has semicolons between its columns: write commas"),
         ("id,session\na,x,y\n", "line 2 has 3 cells and the first line 2"),
         ("id,session,date\na,x,17.5.26\n", "date is '17.5.26': write a day as 2026-05-17"),
         (
