@@ -3,6 +3,7 @@ name of its original.
 """
 
 import os
+import stat
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -86,7 +87,8 @@ def undistort_files(
     paths: list[Path] = []
     for path in inputs:
         with reading(path):
-            paths += (*_pictures(path), *list_videos(path)) if path.is_dir() else (path,)
+            is_folder = stat.S_ISDIR(path.stat().st_mode)
+            paths += (*_pictures(path), *list_videos(path)) if is_folder else (path,)
     paths = list(dict.fromkeys(paths))
     _check_names(paths, output.path)
     _check_depth_images(paths, options.depth, output.path)

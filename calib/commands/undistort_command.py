@@ -178,6 +178,8 @@ def _straighten_files(
     for sentence in done.damaged:
         print_remark(f"left out: {sentence}")
     remark = ""
+    if args.depth is None and done.black == 1:
+        remark = "Take care: the depth image has no depth, so the straight picture is black."
     if args.crop is None and args.depth is not None and done.black:
         remark = (
             f"{_percent(done.black)} of the straight picture is black: the camera does not see it."

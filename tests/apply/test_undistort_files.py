@@ -162,7 +162,7 @@ def test_a_file_that_is_no_video_gets_a_sentence(
         (tmp_path / "v.mp4").write_bytes(content)
     assert run(folder, tmp_path / "v.mp4", "--depth", "0.5", "-o", tmp_path / "out") == 2
     assert says in capsys.readouterr().err
-    assert list((tmp_path / "out").iterdir()) == []
+    assert not list((tmp_path / "out").glob("*"))
 
 
 def test_a_video_of_another_size_is_refused(
@@ -297,6 +297,15 @@ def test_wrong_usage_gets_a_sentence(
         run(folder, folder / "a.png", *arguments, "-o", folder / "out")
     assert stop.value.code == 2
     assert says in capsys.readouterr().err
+
+
+def test_a_depth_image_without_a_depth_is_remarked_on(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.save(tmp_path / "d.npy", np.zeros((H, W), np.float32))
+    depth = ("--depth-image", tmp_path / "d.npy", "-o", tmp_path / "out")
+    assert run(folder, folder / "a.png", *depth) == 0
+    assert "Take care: the depth image has no depth" in capsys.readouterr().err
 
 
 def test_a_depth_image_of_an_impossible_name_gets_its_sentence() -> None:

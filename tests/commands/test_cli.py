@@ -335,6 +335,7 @@ def test_undistort_refuses_existing_outputs_and_pictures_of_another_size(
             "is 64x48 px where the calibration is for 3280x2464",
         ),
         ([str(tmp_path / "none.png"), "-o", str(tmp_path / "out")], "none.png"),
+        ([str(tmp_path / "none"), "-o", str(tmp_path / "out")], "none cannot be read (No such"),
         (
             [str(tmp_path / "empty"), "-o", str(tmp_path / "out")],
             "There are no pictures to undistort",
@@ -354,6 +355,8 @@ def test_undistort_refuses_existing_outputs_and_pictures_of_another_size(
         ),
     ):
         (tmp_path / "empty").mkdir(exist_ok=True)
+        for name in ("noext", "b.jpg.bak", "a.gif"):
+            (tmp_path / name).touch()
         assert main(["undistort", out, *arguments, "--depth", "1"]) == 2
         assert says in capsys.readouterr().err
 
