@@ -91,8 +91,8 @@ def add_intrinsics(parser: Options) -> None:
         type=typed_intrinsics,
         metavar="FX,FY,CX,CY,...",
         help=(
-            "the lens in px, then OpenCV's coefficients, or the file that OpenCV wrote for the"
-            " camera without its cover (default: from pictures without the cover in bare/, else"
+            "the lens in px, then OpenCV's coefficients, or the file that OpenCV or ROS wrote for"
+            " the camera without its cover (default: from pictures without the cover in bare/, else"
             " from these views)"
         ),
     )

@@ -1,5 +1,6 @@
 """The lens of a file that OpenCV's calibration sample writes."""
 
+import json
 from pathlib import Path
 
 import cv2
@@ -27,6 +28,34 @@ def write_camera(file: Path, coefficients: list[float], fisheye: int = 0) -> Pat
 def test_a_lens_is_read(suffix: str, tmp_path: Path) -> None:
     file = write_camera(tmp_path / f"camera.{suffix}", LENS)
     assert typed_intrinsics(str(file)) == [640.5, 641.0, 416.25, 317.75, *LENS]
+
+
+NUMBERS = [640.5, 0, 416.25, 0, 641, 317.75, 0, 0, 1]
+ROWS = [NUMBERS[:3], NUMBERS[3:6], NUMBERS[6:]]
+
+
+@pytest.mark.parametrize(
+    ("matrix", "lens"),
+    [
+        (ROWS, [LENS]),
+        ({"rows": 3, "cols": 3, "data": NUMBERS}, {"rows": 1, "cols": 5, "data": LENS}),
+    ],
+    ids=["lists", "camera_info"],
+)
+@pytest.mark.parametrize("suffix", ["json", "yaml"])
+def test_a_lens_of_plain_text_is_read(
+    matrix: object, lens: object, suffix: str, tmp_path: Path
+) -> None:
+    file = tmp_path / f"camera.{suffix}"
+    document = {"camera_matrix": matrix, "distortion_coefficients": lens}
+    file.write_text(json.dumps(document))
+    assert typed_intrinsics(str(file)) == [640.5, 641.0, 416.25, 317.75, *LENS]
+    file.write_text(json.dumps({**document, "distortion_model": "equidistant"}))
+    with pytest.raises(InputError, match="is of a fisheye lens"):
+        read_opencv_intrinsics(file)
+    file.write_text(json.dumps({**document, "camera_matrix": "K"}))
+    with pytest.raises(InputError, match="is not of numbers"):
+        read_opencv_intrinsics(file)
 
 
 def test_what_is_no_such_lens_is_refused(tmp_path: Path) -> None:
