@@ -167,7 +167,8 @@ class Recorder:
         self.describe(frame.size)
         if number is not None:
             self._next = max(number, self._next)
-        stem = Path(frame.name).stem
+        # frames.csv is UTF-8: of any other byte of a name, both have the escape
+        stem = os.fsencode(Path(frame.name).stem).decode(errors="backslashreplace")
         if number is None and stem and not self._has(stem):
             picture = self._folder / f"{stem}.png"
         else:

@@ -63,7 +63,7 @@ def session_hash(session: Session) -> str:
             f"{digest}  {path.relative_to(session.path)}\n"
             for digest, path in zip(digests, files, strict=True)
         ]
-    return sha256("".join(lines).encode()).hexdigest()
+    return sha256("".join(lines).encode(errors="surrogateescape")).hexdigest()
 
 
 def _input_files(session: Session) -> list[Path]:

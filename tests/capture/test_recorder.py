@@ -114,13 +114,14 @@ def test_numbers_go_on_after_pictures_of_any_kind_and_name(tmp_path: Path) -> No
 
 
 def test_a_picture_of_a_folder_keeps_its_name_unless_another_has_it(tmp_path: Path) -> None:
-    names = ("IMG_7.jpg", "my board.png", "IMG_7.png", "")
+    names = ("IMG_7.jpg", "my board.png", "IMG_7.png", "", os.fsdecode(b"\xff.jpg"))
     with Recorder(tmp_path, BOARD) as recorder:
         kept = [
             recorder.keep(Frame(picture, index, 0.0, name=name)).name
             for index, (picture, name) in enumerate(zip(PICTURES, names, strict=False))
         ]
-    assert kept == ["IMG_7.png", "my board.png", "0000.png", "0001.png"]
+    assert kept == ["IMG_7.png", "my board.png", "0000.png", "0001.png", "\\xff.png"]
+    assert [row["file"] for row in read_table(tmp_path / "frames.csv")] == kept
 
 
 def test_a_session_is_repaired_after_a_kill(tmp_path: Path) -> None:

@@ -241,8 +241,10 @@ def test_the_session_hash_is_what_sha256sum_gives(tmp_path: Path) -> None:
     for name in ("frames/b.png", "frames/a.png", "bare/1.png"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         cv2.imwrite(str(tmp_path / name), np.full((48, 64), len(name), np.uint8))
+    odd = tmp_path / "frames" / os.fsdecode(b"\xff.png")  # a name that is not UTF-8
+    shutil.copy(tmp_path / "frames" / "b.png", odd)
     hash_value = session_hash(read_session(tmp_path))
-    shell = "sha256sum bare/1.png frames/a.png frames/b.png session.yaml | sha256sum"
+    shell = "LC_ALL=C; sha256sum bare/1.png frames/*.png session.yaml | sha256sum"
     assert (
         hash_value
         == subprocess.run(
