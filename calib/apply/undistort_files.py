@@ -3,7 +3,6 @@ name of its original.
 """
 
 import os
-import stat
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -87,7 +86,8 @@ def undistort_files(
     paths: list[Path] = []
     for path in inputs:
         with reading(path):
-            is_folder = stat.S_ISDIR(path.stat().st_mode)
+            is_folder = path.is_dir()
+            path.stat()  # raises for a path that is not there
             paths += (*_pictures(path), *list_videos(path)) if is_folder else (path,)
     paths = list(dict.fromkeys(paths))
     _check_names(paths, output.path)
