@@ -28,7 +28,7 @@ from calib.corners.view import RejectedPicture, View
 from calib.corners.weights import weigh_views
 from calib.errors import InputError, NotEnoughDataError, OtherBoardError
 from calib.io.files import read_file, write_atomically
-from calib.io.images import DamagedPictureError, read_grey
+from calib.io.images import DamagedPictureError, picture_bytes, read_grey
 from calib.io.numerals import counted
 from calib.session.board import Board
 from calib.session.board_section import board_to_yaml
@@ -89,8 +89,8 @@ def detect(
 
     Raises:
         DamagedPictureError: at least half of the pictures are damaged.
-        InputError: the target is one of points, a picture cannot be read, or at least half of them
-            have another size.
+        InputError: the target is one of points, or at least half of the pictures have another
+            size.
         NotEnoughDataError: hardly any picture shows the board.
         OtherBoardError: the pictures show another board, which the message names.
     """
@@ -250,15 +250,11 @@ class _Store:
                 self._files = document["files"]
 
     def look(self, path: Path) -> Detection | NotFound:
-        """Return the stored result, or decode the picture and search it. Safe in several threads.
-
-        Raises:
-            InputError: the picture's file cannot be read.
-        """
+        """Return the stored result, or search the picture. Safe in several threads."""
         try:
-            digest = hashlib.sha256(read_file(path)).hexdigest()
-        except InputError:
-            digest = ""  # read_grey below raises with the reason
+            digest = hashlib.sha256(picture_bytes(path)).hexdigest()
+        except DamagedPictureError as error:
+            return Damaged(error.reason)
         with suppress(ValueError, KeyError, TypeError, OverflowError):
             result, size = _from_entry(self._files[path.name], digest, self._board)
             return self._wrong_size(size) or result

@@ -10,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from calib.calibration import Calibration
+from calib.errors import InputError
 from calib.fit_record.history import DiagnosisRun
 from calib.fit_record.request import CommandOptions, Provenance
 from calib.io.files import read_file, reading
@@ -54,16 +55,25 @@ def record_diagnosis(calibration: Calibration, place: Path, holdout: Path | None
 
 def session_hash(session: Session) -> str:
     """Return the SHA-256 of the text that `sha256sum` prints inside the session's folder for the
-    files that a fit reads, sorted by their names.
+    files that a fit reads, sorted by their names. It prints nothing for one that cannot be read.
     """
     files = sorted(_input_files(session), key=str)
     with reading(session.path), ThreadPoolExecutor() as pool:
-        digests = pool.map(lambda path: sha256(read_file(path)).hexdigest(), files)
+        digests = pool.map(_digest, files)
         lines = [
             f"{digest}  {path.relative_to(session.path)}\n"
             for digest, path in zip(digests, files, strict=True)
+            if digest
         ]
     return sha256("".join(lines).encode(errors="surrogateescape")).hexdigest()
+
+
+def _digest(path: Path) -> str:
+    """Return the SHA-256 of a file; empty if it cannot be read."""
+    try:
+        return sha256(read_file(path)).hexdigest()
+    except InputError:
+        return ""
 
 
 def _input_files(session: Session) -> list[Path]:

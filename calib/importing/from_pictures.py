@@ -15,6 +15,7 @@ from calib.io.images import (
     list_images,
     list_unread,
     most_frequent_size,
+    picture_bytes,
     stated_size,
 )
 from calib.session.board import Board
@@ -108,11 +109,12 @@ def uniform_pictures(folder: Path, paths: Sequence[Path]) -> UniformPictures:
     settings = {}
     damaged: dict[Path, DamagedPictureError] = {}
     for path in paths:
-        data = read_file(path)
         try:
+            data = picture_bytes(path)
             sizes[path] = stated_size(path, data)
         except DamagedPictureError as error:
             damaged[path] = error
+            continue
         settings[path] = camera_settings(data)
     if damaged and 2 * len(damaged) >= len(paths):
         raise next(iter(damaged.values()))

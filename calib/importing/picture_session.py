@@ -22,13 +22,14 @@ from calib.importing.from_pictures import PictureContents, describe_unread, unif
 from calib.importing.from_video import describe_end, from_video, sharpest_frames
 from calib.io.camera_names import ALL, choose_camera
 from calib.io.exif import camera_settings
-from calib.io.files import make_folder, read_file, reading
+from calib.io.files import make_folder, reading
 from calib.io.images import (
     SUFFIXES,
     TYPES,
     DamagedPictureError,
     list_images,
     list_unread,
+    picture_bytes,
     read_grey,
     session_pictures,
 )
@@ -264,8 +265,9 @@ def _pictures_of(pictures: Sequence[Path], camera: str | None) -> tuple[tuple[Pa
     """
     cameras: dict[str, list[Path]] = {}
     for path in pictures:
-        if stated := camera_settings(read_file(path)).get("camera"):
-            cameras.setdefault(stated, []).append(path)
+        with suppress(DamagedPictureError):  # the fit leaves it out, and says so
+            if stated := camera_settings(picture_bytes(path)).get("camera"):
+                cameras.setdefault(stated, []).append(path)
     if camera is not None:
         matches = [stated for stated in cameras if camera.lower() in stated.lower()]
         if len(matches) == 1:

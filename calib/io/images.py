@@ -122,10 +122,19 @@ def read_image(path: Path) -> Image:
     and without an alpha channel.
 
     Raises:
-        DamagedPictureError: the file is not a complete picture.
-        InputError: the file cannot be read.
+        DamagedPictureError: the file cannot be read, or is not a complete picture.
     """
-    return _decode(path, read_file(path))
+    return _decode(path, picture_bytes(path))
+
+
+def picture_bytes(path: Path) -> bytes:
+    """Return the bytes of a picture's file; DamagedPictureError if it cannot be read, such as a
+    link to nothing.
+    """
+    try:
+        return read_file(path)
+    except InputError as error:
+        raise DamagedPictureError(str(error), "cannot be read") from error
 
 
 def _decode(path: Path, data: bytes) -> Image:
@@ -160,20 +169,22 @@ def _check_complete(path: Path, data: bytes) -> None:
 
 
 def read_grey(path: Path) -> Image:
-    """Return (H, W) grey pixels, uint8 or uint16; InputError as in `read_image`."""
+    """Return (H, W) grey pixels, uint8 or uint16; DamagedPictureError as in
+    `read_image`.
+    """
     pixels = read_image(path)
     return pixels if pixels.ndim == 2 else _to_native(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """Return width and height, px; InputError as in `read_image`."""
+    """Return width and height, px; DamagedPictureError as in `read_image`."""
     height, width = read_image(path).shape[:2]
     return width, height
 
 
 def stated_size(path: Path, data: bytes) -> tuple[int, int]:
-    """Return the width and height that a picture's header states, px; InputError as in
-    `read_image`.
+    """Return the width and height that a picture's header states, px; DamagedPictureError as
+    in `read_image`.
 
     A TIFF is decoded, as only that shows whether it is whole.
     """

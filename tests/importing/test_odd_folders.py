@@ -115,6 +115,20 @@ def test_a_damaged_picture_is_left_out_by_name(
     assert main(words) == 2, "it was named by itself"
 
 
+@pytest.mark.usefixtures("without_figures")
+def test_a_link_to_nothing_is_left_out_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = recordings.write_pictures(tmp_path / "p")
+    (folder / "gone.png").symlink_to(tmp_path / "unplugged" / "gone.png")
+    names, notices = imported(folder, capsys)
+    assert len(names) == 8
+    assert "left out, damaged pictures: gone.png (cannot be read)." in notices
+    assert main(["fit", str(folder), *BOARD, "--json", "-q"]) == 0
+    rejected = json.loads(capsys.readouterr().out)["frames_rejected"]
+    assert rejected == [{"file": "gone.png", "reason": "cannot be read"}]
+
+
 @pytest.mark.parametrize("name", ["shot 0.png", "shot 4.png", "shot 7.png"])
 def test_a_board_is_looked_for_in_the_whole_pictures(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
