@@ -244,10 +244,11 @@ def effects(text: str) -> tuple[str, ...]:
 
 def free(text: str) -> tuple[str, ...]:
     """Return the names of calib.session.freeing that commas join, each once."""
-    from calib.session.freeing import option_names
+    from calib.session.freeing import NONE, option_names
 
     names = option_names()
-    for name in text.split(","):
+    chosen = tuple(dict.fromkeys(text.split(",")))
+    for name in chosen:
         if name not in names:
             near = meant(name, names)
             hint = f": did you mean {near}?" if near else "."
@@ -255,7 +256,11 @@ def free(text: str) -> tuple[str, ...]:
                 f"{quoted(name)} is not a number that can be freed{hint} Write some of"
                 f" {', '.join(names)}, joined by commas"
             )
-    return tuple(dict.fromkeys(text.split(",")))
+    if NONE in chosen and len(chosen) > 1:
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} frees numbers and {NONE} of them: write {NONE} alone, or leave it out"
+        )
+    return chosen
 
 
 def steps(text: str) -> int:

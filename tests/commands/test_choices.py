@@ -146,6 +146,7 @@ def test_grid_auto_keeps_the_coarsest_grid_that_no_finer_one_beats(
     ("options", "words"),
     [
         (["--free", "colour"], "colour"),
+        (["--free", "all,none"], "write none alone"),
         (["--free", "centre"], "has no centre"),
         (["--folds", "1"], "1"),
         (["--grid", "7"], "such as 8x8, or auto"),
