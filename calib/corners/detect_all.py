@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners import detect as detector
-from calib.corners.board_size import shown_size
+from calib.corners.board_size import ShownSize, shown_size
 from calib.corners.detect import eight_bits
 from calib.corners.detection import Detection, NotFound
 from calib.corners.find import CHECKERBOARD_ADVICE, describe_two_boards, find_board
@@ -209,13 +209,34 @@ def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
     if reason := why_unusable(pictures, shown):
         raise OtherBoardError(f"{reason}.")
     if shown:
-        several = len(shown.pictures) > 1
-        raise OtherBoardError(
-            f"{counted(len(shown.pictures), 'picture')} {'show' if several else 'shows'} a board of"
-            f" {shown.columns}x{shown.rows} inner corners, and none of these shows the"
-            f" declared {board}: write board.columns: {shown.columns}, board.rows: {shown.rows}"
-            f" in session.yaml, or call calib fit with --board {shown.columns}x{shown.rows}."
+        raise _other_size(shown, f"none of these shows the declared {board}")
+
+
+def refuse_larger_board(paths: Sequence[Path], board: Board) -> None:
+    """Raise OtherBoardError if the pictures show a larger checkerboard than the declared one, which
+    then is another part of it in each picture.
+    """
+    if board.coding:
+        return
+    pictures = [eight_bits(read_grey(path)) for path in paths[:SAMPLE_SIZE]]
+    shown = shown_size(pictures)
+    if not shown or {shown.columns, shown.rows} == {board.columns, board.rows}:
+        return
+    longer, shorter = max(board.columns, board.rows), min(board.columns, board.rows)
+    if longer <= shown.columns and shorter <= shown.rows:
+        raise _other_size(
+            shown, f"the declared {board} is a part of it, another one in each picture"
         )
+
+
+def _other_size(shown: ShownSize, difference: str) -> OtherBoardError:
+    verb = "show" if len(shown.pictures) > 1 else "shows"
+    return OtherBoardError(
+        f"{counted(len(shown.pictures), 'picture')} {verb} a board of"
+        f" {shown.columns}x{shown.rows} inner corners, and {difference}: write board.columns:"
+        f" {shown.columns}, board.rows: {shown.rows} in session.yaml, or call calib fit with"
+        f" --board {shown.columns}x{shown.rows}."
+    )
 
 
 class _Store:

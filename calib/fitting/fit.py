@@ -7,6 +7,7 @@ import numpy as np
 
 from calib.calibration import Calibration
 from calib.calibration_content import Declared
+from calib.corners.detect_all import refuse_larger_board
 from calib.corners.view import MISFIT, RejectedPicture, View, describe_most, pose_labels
 from calib.errors import NotEnoughDataError, wrong_type
 from calib.estimation.noise import corner_noise
@@ -43,6 +44,10 @@ from calib.session.numbers import unknown_names
 from calib.session.session import MIN_FIT_VIEWS, Session, SessionSource
 from calib.threads import single_thread
 
+LARGE_ERROR = 1.0
+"""px, root mean square: with a larger error, the corners may be those of a part of the board, which
+is another one in each picture.
+"""
 GAUGES = {
     "bare": "camera frame at the pinhole",
     "paper": (
@@ -75,6 +80,7 @@ def fit(
         WrongTypeError: an argument is of another type.
         InputError: a picture or corners file is damaged.
         NotEnoughDataError: too few views show the board.
+        OtherBoardError: the pictures show another board, which the message names.
     """
     if not isinstance(settings, Settings):
         raise wrong_type("settings", settings, "a calib.Settings, such as Settings(folds=5)")
@@ -124,6 +130,10 @@ def fit(
                 decided=decided,
                 purpose=purpose,
             )
+        if redetections is None and not purpose and fitted.stages[-1].rms_px > LARGE_ERROR:
+            names = {view.name for view in views}
+            fitted_frames = [frame for frame in session.frames if frame.name in names]
+            refuse_larger_board(fitted_frames, session.board)
         earlier = None
         # A flat board is questioned again with more corners.
         decided = fitted if fitted.effects else None

@@ -3,6 +3,7 @@
 import gzip
 import json
 from pathlib import Path
+from shutil import copyfile
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from tests.importing import recordings
 from tests.importing.recordings import SIZE, TARGET
 
 BOARD = ["--board", "7x6", "--square-mm", "25"]
+FRAMES = Path(__file__).parents[2] / "fixtures" / "clean" / "frames"
 
 
 def imported(
@@ -244,3 +246,20 @@ def test_corners_with_a_byte_order_mark_or_packed(kind: str, tmp_path: Path) -> 
     if "gzip" in kind:
         path.write_bytes(path.read_bytes()[:-20])
         assert main(["import", "mrcal-corners", *arguments[:-1], str(tmp_path / "t")]) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_figures")
+def test_a_part_of_a_larger_board_is_no_board(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The detector finds 7x5 corners somewhere on the board of 9x9, elsewhere in each picture."""
+    folder = tmp_path / "p"
+    folder.mkdir()
+    for picture in sorted(FRAMES.iterdir())[:10]:
+        copyfile(picture, folder / picture.name)
+    words = ["fit", str(folder), "--board", "7x5", "--square-mm", "20", "--cover", "none"]
+    assert main(words) == 3
+    message = capsys.readouterr().err
+    assert "show a board of 9x9 inner corners, and the declared 7x5 is a part of it" in message
+    assert "calib fit with --board 9x9" in message
