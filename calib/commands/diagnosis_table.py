@@ -54,8 +54,15 @@ def _errors(finding: Diagnosis) -> Table:
     table = Table("", "fitted", "on the board", "held out", title="Error (root mean square)")
     for column in table.columns[1:]:
         column.justify = "right"
-    if (given_px := finding.given_held_out_px) is not None:
-        table.add_row("given fit", "", "", f"{given_px:.3f} px")
+    if _has_given_row(finding):
+        given = finding.given
+        held_out_px = finding.given_held_out_px
+        table.add_row(
+            "given fit",
+            f"{given.rms_px:.3f} px" if given else "",
+            board_error(given.rmse_cm) if given else "",
+            f"{held_out_px:.3f} px" if held_out_px is not None else "",
+        )
     names = fit_names(had_effects=bool(finding.earlier))
     rows = list(zip(names, (finding.base_quality, finding.final_quality), strict=True))
     for name, quality in rows if finding.added else [("this fit", finding.base_quality)]:
@@ -70,9 +77,15 @@ def _errors(finding: Diagnosis) -> Table:
     return table
 
 
+def _has_given_row(finding: Diagnosis) -> bool:
+    """Return True if the calibration as it was given is no other row of the table."""
+    has_held_out = finding.given_held_out_px is not None
+    return has_held_out or bool(finding.added and finding.given)
+
+
 def _legend(finding: Diagnosis) -> Iterator[str]:
     """Yield the meaning of the rows of the first table."""
-    if finding.given_held_out_px is not None:
+    if _has_given_row(finding):
         yield "Given fit: the calibration that you gave, as it is."
     if finding.added and not finding.earlier:
         yield "Plain fit: this model with a flat board and no effect."

@@ -182,6 +182,7 @@ def diagnose(
         formulas=formulas,
         differing=differing,
         given_held_out_px=given_held_out,
+        given=calibration.stages[-1],
         decided=count >= MIN_CONFIRMING_VIEWS,
         evaluation=evaluation,
         base_quality=Quality(base_residuals.rms_px, base_residuals.rmse_cm, base_held_out),

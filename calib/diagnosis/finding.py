@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from html import escape
 from typing import Any
 
+from calib.calibration_content import Stage
 from calib.diagnosis.printed_patterns import ClosedForm
 from calib.fit_record.history import Family, Quality, fit_names
 from calib.fitting.declared import PREFIXES
@@ -129,6 +130,8 @@ class Diagnosis:
     evaluate` measures it. None without such views. `base_quality` is that of the same calibration
     fitted again, without the bend of the board that its fit found.
     """
+    given: Stage | None = None
+    """The errors of that calibration on its own views, as its fit left them."""
     decided: bool = True
     """False if there were too few views to confirm any effect."""
     earlier: tuple[str, ...] = ()
@@ -203,7 +206,11 @@ class Diagnosis:
             "differs": self.differing.as_json() if self.differing else None,
             "formulas": [asdict(formula) for formula in self.formulas],
             "decided": self.decided,
-            "given": {"held_out_px": self.given_held_out_px},
+            "given": {
+                "rms_px": self.given.rms_px if self.given else None,
+                "rmse_cm": self.given.rmse_cm if self.given else None,
+                "held_out_px": self.given_held_out_px,
+            },
             "before": base_quality,
             "after": final_quality,
             "unexplained": {"fraction": self.unexplained, "organised_by": self.organised_by},

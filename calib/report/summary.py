@@ -72,9 +72,10 @@ def _found(calibration: Calibration) -> str:
         return ""
     first, last = diagnosis.qualities
     names = [effect.name for effect in diagnosis.accepted]
+    start = "the earlier effects" if diagnosis.had_effects else "a flat board and no effect"
     return (
         f"The diagnosis found {' and '.join(names)}. The error on held-out views is"
-        f" {first.held_out_px:.3f} px without effects, and {last.held_out_px:.3f} px with those"
+        f" {first.held_out_px:.3f} px with {start}, and {last.held_out_px:.3f} px with what was"
         " found."
     )
 
