@@ -146,13 +146,14 @@ def test_the_pictures_of_the_start_page_are_there() -> None:
     for name, width, height in pictures:
         with Image.open(DOCS / name) as image:
             assert image.size == (int(width), int(height))
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    pictures_of_readme = re.findall(r'(?:src|srcset)="([^"]+)"', readme)
+    assert pictures_of_readme == [f"docs/{name}" for name, _, _ in pictures]
     figures = re.compile(
         r"OpenCV ([\d.]+), Refracal ([\d.]+); nearer(?:, OpenCV| than the boards) ([\d.]+)"
         r"(?:, Refracal| and) ([\d.]+)\."
     )
-    assert figures.findall(start) == figures.findall(
-        (ROOT / "README.md").read_text(encoding="utf-8")
-    )
+    assert figures.findall(start) == figures.findall(readme)
 
 
 def test_a_broken_link_is_found(tmp_path: Path) -> None:
