@@ -1,4 +1,4 @@
-"""Calibrate a camera that looks through a refractive cover: the public interface of the library.
+"""Calibrate a camera behind a glass cover: the public interface of the library.
 docs/library.md shows examples.
 
 A name is imported when it is first used, so that reading a session does not wait for torch.

@@ -26,7 +26,8 @@ from calib.commands.command_line import run_command
 from calib.commands.parser import CommandGroup
 
 DESCRIPTION = """
-Calibrate a camera that looks through a refractive cover, and undistort its pictures at any depth.
+Calibrate a camera behind a glass cover, such as a dome, window or cone, and straighten its
+pictures.
 
 calib COMMAND --help explains a command. A second program, capture SESSION, records pictures.
 """
