@@ -94,7 +94,8 @@ class Drawing:
         weight = ' font-weight="bold"' if bold else ""
         self.elements.append(
             f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"'
-            f' fill="{colour}"{weight}>{words}</text>'
+            f' fill="{colour}" stroke="#ffffff" stroke-width="4" paint-order="stroke"'
+            f"{weight}>{words}</text>"
         )
 
     def camera(self) -> None:
@@ -180,7 +181,7 @@ def cone_from_above() -> Drawing:
     )
     made.text((axis[0], axis[1] + 5), "axis", INK)
     made.measure(
-        axis, (axis[0] - radius * 0.7071, axis[1] + radius * 0.7071), "inner_radius_mm", (-62, 22)
+        axis, (axis[0] - radius * 0.7071, axis[1] + radius * 0.7071), "inner_radius_mm", (-56, 14)
     )
     made.measure((axis[0], -16), (0, -16), "axis_offset_mm, z", (-15, -21), "-30")
     made.measure((4, 0), (4, aside), "axis_offset_mm, x", (-7, 11), "here 5: to the right")
@@ -206,14 +207,14 @@ def window() -> Drawing:
         wide=1.2,
     )
     made.camera()
-    made.measure((0, 11), (distance, 11), "distance_mm", (8, 14.5), "pinhole to inner face,")
-    made.text((8, 19), "along the optical axis", MEASURE)
+    made.line((distance + 2.3, -18), (distance - 2.3, 18), colour=MEASURE, dashes="5 4", wide=1.2)
+    made.measure((0, 11), (distance, 11), "distance_mm", (6, 14.5), "pinhole to inner face,")
+    made.text((6, 19), "along the optical axis", MEASURE)
     made.line((0, 3), (0, 12.5), colour=MEASURE, wide=0.8)
     made.measure(
         (distance, -27), (distance + thick, -27), "thickness_mm", (distance + thick / 2, -29)
     )
     tilted = 8.0
-    made.line((distance + 2.3, -18), (distance - 2.3, 18), colour=MEASURE, dashes="5 4", wide=1.2)
     made.text(
         (distance + tilted + 3, 14),
         "tilt_deg: [about x, about y]",
