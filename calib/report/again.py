@@ -51,7 +51,7 @@ def again_html(evidence: Evidence, folder: Path) -> str:
 
 def flat_rows(value: object, name: str = "") -> Iterator[tuple[str, str]]:
     """Yield a row for each leaf of nested mappings and lists: its path, such as stages 1 rms_px,
-    and its value. A list of plain values is one row.
+    and its value. A list of plain values is one row. A value that is None has no row.
     """
     if isinstance(value, Mapping):
         for key, part in value.items():
@@ -61,7 +61,7 @@ def flat_rows(value: object, name: str = "") -> Iterator[tuple[str, str]]:
             yield from flat_rows(part, f"{name} {number}")
     elif isinstance(value, Sequence) and not isinstance(value, str):
         yield name, ", ".join(map(str, value)) or "none"
-    else:
+    elif value is not None:
         yield name, f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

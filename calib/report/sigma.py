@@ -15,7 +15,8 @@ def sigma_caption(evidence: Evidence) -> str:
         " the model is right. It follows from the scatter of the corners and of the views, and"
         " from what was declared. It leaves out a common shift or turn of all rays, which pictures"
         " of a board cannot show."
-        " Dots: corners. The titles give the median over them." + evidence.limit_caption
+        " Dots: corners. The number above each panel is the median over the corners."
+        + evidence.limit_caption
     )
 
 

@@ -119,6 +119,7 @@ def test_the_outcome_is_a_table_and_no_yaml(reported: Reported) -> None:
     details = reported.html.partition("Settings and outcome")[2].partition("</details>")[0]
     assert "<pre>" not in details
     assert ">relief_prior length_of_patch<" in details
+    assert "<code>None</code>" not in details
 
 
 def test_the_policy_knows_the_scripts_and_nothing_else(reported: Reported) -> None:
