@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
-from calib.errors import InputError, brief, meant
+from calib.errors import InputError, brief, harmless, meant
 from calib.fleet.limits import ENDS, Limit, limit_of
 from calib.fleet.places import absolute, at_hand, faraway, is_remote
 from calib.io.files import MAX_TEXT_BYTES, read_file, reading
@@ -57,7 +57,14 @@ def read_manifest(places: Sequence[str]) -> tuple[Entry, ...]:
     where = table or "these sessions"
     entries = tuple(_rows(table) if table else _sessions(places))
     if not entries:
-        raise InputError(f"{brief(where)} has no camera: list some, each with an id and a session.")
+        if table:
+            raise InputError(
+                f"{brief(table)} has no camera: list some, each with an id and a session."
+            )
+        raise InputError(
+            f"no folder matches {harmless(' or '.join(places))}: give session folders, or a table"
+            " such as fleet.csv with the columns id and session."
+        )
     ids: dict[str, Entry] = {}
     sessions: dict[str, Entry] = {}
     for entry in entries:

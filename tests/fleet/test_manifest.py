@@ -132,7 +132,10 @@ def test_a_glob_and_folders_are_named_by_their_sessions(tmp_path: Path) -> None:
     [
         (".", "is no session, for it has no session.yaml: give a CSV, a YAML, or a glob such as"),
         ("notes.txt", "is neither a CSV nor a YAML"),
-        ("none*", "has no camera"),
+        (
+            "none*",
+            "none*: give session folders, or a table such as fleet.csv",
+        ),
         ("missing.csv", "cannot be read"),
     ],
 )
