@@ -1,8 +1,8 @@
 """A calibration with all inexact numbers estimated, including those that its fit held at their
 declared values.
 
-The views allow to hold such a number in their own medium. In another medium it may move every ray,
-so its tolerance must be in the covariance. A fit also holds numbers because its model lacks
+In the medium of the views, such a number may be held. In another medium it may move every ray, so
+its tolerance must be in the covariance. A fit also holds numbers because its model lacks
 something; once a diagnosis has added that, they can be estimated.
 """
 

@@ -69,7 +69,7 @@ class OutputFolder:
             overwrite: foreign files may be replaced.
             inputs: files that the command reads, which are never replaced.
             elsewhere: the advice for a person who wants to keep a foreign file.
-            flag: the option that permits to replace it; empty if there is none.
+            flag: the option that lets it be replaced; empty if there is none.
 
         Raises:
             InputError: the list cannot be read, or is another program's file.

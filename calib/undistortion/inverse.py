@@ -29,7 +29,7 @@ from calib.undistortion.window import Window
 COARSEST = 64
 """px between the nodes of the first grid."""
 SPACING = 16
-"""px: the largest spacing of a grid on which some nodes have no solution."""
+"""The coarsest spacing, px, at which a grid may keep nodes without a solution."""
 FEW_PIXELS = 8
 """The number of pixels for each node below which no finer grid follows: pixels of the other cells
 are then solved one by one.
