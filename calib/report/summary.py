@@ -137,8 +137,11 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
     elif rms <= NOISE_ALONE * noise:
         patterns = over_image(evidence).is_pattern or over_board(evidence).is_pattern
         organised = any(reason.sentence.startswith(NOT_ALL_NOISE) for reason in verdict.reasons)
-        share = "most of the error" if patterns or organised else "the error"
-        text += f". The noise of the corners is about {noise:.3f} px: {share} is noise"
+        text += (
+            f". The noise of the corners is about {noise:.3f} px: most of the error is noise"
+            if patterns or organised
+            else f": no more than the corners' noise (about {noise:.3f} px) is left"
+        )
     elif rms <= BEYOND_NOISE * noise:
         text += f". The noise of the corners is about {noise:.3f} px: the error is a little larger"
     elif noise > 0:

@@ -21,7 +21,7 @@ class Trust(Enum):
     @property
     def sentence(self) -> str:
         return {
-            Trust.TRUSTED: "You can trust it in the parts of the picture where the board was.",
+            Trust.TRUSTED: "You can trust this calibration where the board was in the picture.",
             Trust.CARE: "Take care before you trust it.",
             Trust.DO_NOT_USE: "Do not use it.",
         }[self]

@@ -173,7 +173,7 @@ def test_a_trusted_fit_names_an_export_command_that_works(
     )
     assert main(["fit", str(folder), "--grid", "5x5"]) == 0
     *_, word, last, _, _, _ = capsys.readouterr().out.splitlines()
-    assert word == "You can trust it in the parts of the picture where the board was."
+    assert word == "You can trust this calibration where the board was in the picture."
     program, *arguments = shlex.split(last.removeprefix("Next: "))
     assert program == "calib"
     assert main(arguments) == 0

@@ -70,7 +70,7 @@ def test_it_prints_the_commands_and_opens_the_report(
     typed = [line for line in lines if line.startswith("$ ")]
     assert typed[0].endswith(" fit refracal-demo --depth 0.8")
     assert typed[1].endswith("--depth 0.8 --crop 0 -o refracal-demo/straight")
-    assert "You can trust it in the parts of the picture where the board was." in lines
+    assert "You can trust this calibration where the board was in the picture." in lines
     assert lines[-1] == "Report: refracal-demo/calibration/report.html"
     assert opened == [(demo.folder / "calibration" / "report.html").as_uri()]
 

@@ -55,7 +55,7 @@ def test_a_good_calibration_is_trusted(reported: Reported) -> None:
     assert summary.verdict.word is Trust.TRUSTED
     what, remaining, held_out, maps = summary.sentences
     assert "3280x2464 px behind a cone (1.15 mm thick, index 1.5): 45 views of a 9x9 board" in what
-    assert ": the error is noise" in remaining
+    assert ": no more than the corners' noise (about 0." in remaining
     assert "the fit does not overfit" in held_out
     assert maps.startswith("The boards support maps for ")
     assert "Their expected error is 0.1" in maps
@@ -66,7 +66,7 @@ def test_the_paragraph_says_what_the_verdict_says(
     reported: Reported, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     evidence = gather_evidence(reported.calibration)
-    assert ": the error is noise" in summarise(evidence).sentences[1]
+    assert ": no more than the corners' noise" in summarise(evidence).sentences[1]
     doubted = Verdict(
         (Reason(f"{NOT_ALL_NOISE}: it may be board_shape.", "calib diagnose it"),), ""
     )

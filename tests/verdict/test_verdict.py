@@ -16,7 +16,7 @@ def test_no_reasons_are_trust() -> None:
         "next": "calib export it",
         "notes": [],
     }
-    assert str(verdict) == "You can trust it in the parts of the picture where the board was."
+    assert str(verdict) == "You can trust this calibration where the board was in the picture."
 
 
 def test_the_gravest_reason_decides() -> None:

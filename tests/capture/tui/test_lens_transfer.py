@@ -84,7 +84,7 @@ async def _unknown(session: Path, source: str) -> None:
         await see(pilot, "f to fit")
         await pilot.press("f")
         await see(pilot, "[RESULTS]")
-        await see(pilot, "You can trust it in the parts of the picture where the board was.")
+        await see(pilot, "You can trust this calibration where the board was in the picture.")
 
 
 def test_a_lens_of_larger_pictures_is_not_taken_for_theirs(tmp_path: Path, covered: Path) -> None:

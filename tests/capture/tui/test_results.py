@@ -243,7 +243,7 @@ async def _report(session: Path) -> None:
         await pilot.press("r")
         await see(pilot, "The report is s/calibration/report.html")
         text = " ".join(shown(pilot).split())
-        assert "You can trust it in the parts of the picture where the board was. The" in text
+        assert "You can trust this calibration where the board was in the picture. The" in text
         assert "Press r for the report, x for maps and straight pictures, e to find faults." in text
 
 

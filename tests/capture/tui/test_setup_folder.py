@@ -76,7 +76,7 @@ async def _finished(session: Path) -> None:
         await see(pilot, "[RESULTS]")
         await see(
             pilot,
-            "You can trust it in the parts of the picture where the board was. The error fell"
+            "You can trust this calibration where the board was in the picture. The error fell"
             " from 0.4",
         )
         await see(pilot, "The maps are accurate to")

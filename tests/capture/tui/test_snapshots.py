@@ -136,7 +136,7 @@ RESULT = {
     "rejected": [],
     "verdict": {
         "word": "trusted",
-        "sentences": ["You can trust it in the parts of the picture where the board was."],
+        "sentences": ["You can trust this calibration where the board was in the picture."],
     },
     "sigma_px": [
         {"depth_m": 0.3, "px": 0.021},
