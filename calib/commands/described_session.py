@@ -391,7 +391,8 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
     ):
         kept = shlex.join(_words_without_board(args))
         mistaken = options.get("square_mm" if side == "tag_mm" else "tag_mm")
-        described = finding.options_for(float(str(mistaken))) if mistaken else finding.options
+        typed = options.get(side, mistaken)
+        described = finding.options_for(float(str(typed))) if typed else finding.options
         command = " ".join(filter(None, ("calib fit", source.words, kept, described)))
         if args.board not in (None, finding.size):
             reason = "--board says {}x{}: type".format(*args.board)
@@ -402,7 +403,8 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
             reason = f"The side of a {cell} is --{cell}-mm: type"
         else:
             reason = f"{UNKNOWN_SIDE[finding.board.cell]}: measure one, and type"
-        raise InputError(f"{sentence} {reason} {command}, with your own millimetres.")
+        advice = "" if side in options else ", with your own millimetres"
+        raise InputError(f"{sentence} {reason} {command}{advice}.")
     print_remark(sentence)
     scale = float(str(options[side]))
     return read_board(Section({**finding.to_yaml(scale), **options}, "The command line"))

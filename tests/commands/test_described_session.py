@@ -270,9 +270,8 @@ def test_the_pictures_say_how_a_board_is_numbered_and_printed(
         InputError, match="--board says 7x5: type calib fit coded --board 6x4 --type"
     ) as e:
         described("coded", *CODED, "--board", "7x5")
-    assert "--marker-mm 18.75 --dictionary DICT_4X4_250 --first-marker 100 --inverted" in str(
-        e.value
-    )
+    layout = "--dictionary DICT_4X4_250 --first-marker 100 --inverted"
+    assert str(e.value).endswith(f"--square-mm 30 --marker-mm 22.5 {layout}.")
 
 
 def test_an_aprilgrid_of_another_maker_is_described_by_options(
