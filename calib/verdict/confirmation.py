@@ -12,7 +12,7 @@ from calib.fitting.declared import DECLARED, Comparison, comparisons
 from calib.session.freeing import AUTO
 from calib.session.numbers import numbers_of
 from calib.verdict.case import Case
-from calib.verdict.declared_numbers import ADVICE
+from calib.verdict.declared_numbers import advice_on
 from calib.verdict.residual import likely_effects
 from calib.verdict.scale_evidence import ScaleEvidence, scale_evidence
 from calib.verdict.thresholds import (
@@ -23,11 +23,8 @@ from calib.verdict.thresholds import (
 )
 from calib.verdict.verdict import Reason
 
-POSES = (
-    "take views of the board tilted by 20 to 40 degrees, to each side and up and down, at several"
-    " distances"
-)
-"""The poses that tell a focal length and a cover."""
+POSES = "tilt the board by 20 to 40 degrees, to each side and up and down, at several distances"
+"""The poses that determine a focal length and a cover."""
 
 
 def contradicted_numbers(case: Case) -> Iterator[Reason]:
@@ -55,7 +52,11 @@ def contradicted_numbers(case: Case) -> Iterator[Reason]:
         f"{number.name} would be {number.estimated}, declared as {number.stated}"
         for number in causes
     )
-    advice = "find what the model lacks first, which may cause it" if lacking else ADVICE[DECLARED]
+    advice = (
+        "find what the model lacks first, which may cause it"
+        if lacking
+        else advice_on(case.calibration, [number.name for number in causes], DECLARED)
+    )
     yield Reason(
         f"these views contradict numbers that were not fitted: {numbers},"
         f" {change / max(evidence.change_sigma, 1e-12):.0f} standard deviations apart, which"
@@ -73,6 +74,9 @@ def unconfirmed_numbers(case: Case) -> Iterator[Reason]:
     names = _dominant(evidence)
     numbers = {number.name: number for number in comparisons(case.calibration)}
     dominant = [numbers[name] for name in names if name in numbers]
+    pronoun = "them" if len(dominant) > 1 else "it"
+    doubt = "not confirmed by these views"
+    purpose = f"confirm {pronoun}"
     if dominant:
         shown = [f"{number.name} ({number.stated})" for number in dominant]
         listed = f"{', '.join(shown[:-1])} and {shown[-1]}" if len(shown) > 1 else shown[0]
@@ -80,6 +84,8 @@ def unconfirmed_numbers(case: Case) -> Iterator[Reason]:
         subject = f"{listed} {verb} taken as {dominant[0].source}"
         if any(number.unknown for number in dominant):
             subject = f"{' and '.join(number.name for number in dominant)} {verb} unknown"
+            doubt = "not determined by these views"
+            purpose = f"determine {pronoun}"
     else:
         subject = "the lens is taken as declared"
     size = (
@@ -88,8 +94,8 @@ def unconfirmed_numbers(case: Case) -> Iterator[Reason]:
         else f"{100 * evidence.sigma:.2g}"
     )
     yield Reason(
-        f"{subject}, not confirmed by these views: from them alone, depth and length are uncertain"
-        f" by {size} % (one standard deviation). To confirm it, {POSES}.",
+        f"{subject}, {doubt}: from the views alone, depth and length are uncertain by {size} % (one"
+        f" standard deviation). To {purpose}, {POSES}.",
         case.next.capture(),
         tuple(names),
     )

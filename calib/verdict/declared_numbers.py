@@ -1,6 +1,6 @@
 """Check: the declared numbers against the views."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -36,12 +36,12 @@ def declared_numbers(case: Case) -> Iterator[Reason]:
         if number.contradicted and number.corrected and number.source != VIEWS
     ]
     for number in sorted(contradicted, key=lambda number: -number.normalised_deviation):
+        rivals = _rivals(case.calibration, number)
         advice = (
             "find what the model lacks first, which may cause it"
             if model_lacks
-            else ADVICE[number.source]
+            else advice_on(case.calibration, (number.name, *rivals), number.source)
         )
-        rivals = _rivals(case.calibration, number)
         others = "".join(f", or {rival} is wrong" for rival in rivals)
         sentence = (
             f"{number}, {number.normalised_deviation:.1f} standard deviations apart{others}:"
@@ -53,6 +53,22 @@ def declared_numbers(case: Case) -> Iterator[Reason]:
                 f" {case.next.unknown_cover}."
             )
         yield Reason(sentence, case.next.fit(), (number.name, *rivals))
+
+
+def advice_on(calibration: Calibration, names: Sequence[str], source: str) -> str:
+    """Return what to do about contradicted numbers of one source.
+
+    A person can measure a cover again, but no focal length: a declared lens that is wrong was
+    calibrated under other conditions.
+    """
+    is_lens = all(CAMERA.has(name) for name in names)
+    if source != DECLARED or calibration.outcome.intrinsics_from == "prior" or not is_lens:
+        return ADVICE[source]
+    through = ", or was made through the cover" if calibration.cover.shape != "none" else ""
+    return (
+        f"the file is of another focus or picture size{through}: leave --intrinsics out, and write"
+        " intrinsics: unknown in session.yaml"
+    )
 
 
 def _rivals(calibration: Calibration, number: Comparison) -> list[str]:

@@ -61,7 +61,7 @@ def test_parallel_boards_confirm_no_focal_length(tmp_path: Path, times: float) -
         (reason,) = asked(unconfirmed_numbers, estimate)
         assert (reason.word, reason.suspects) == (Trust.CARE, NAMES)
         assert "taken as declared, not confirmed by these views" in reason.sentence
-        assert "tilted by 20 to 40 degrees" in reason.sentence
+        assert "To confirm them, tilt the board by 20 to 40 degrees" in reason.sentence
         assert reason.next == f"capture '{SESSION}'"
         assert not asked(contradicted_numbers, estimate)
         assert judge(estimate).word is Trust.CARE
@@ -98,6 +98,7 @@ def test_tilted_boards_contradict_a_wrong_focal_length(
         (reason,) = asked(contradicted_numbers, estimate)
         assert (reason.word, reason.suspects) == (Trust.CARE, NAMES)
         assert f"declared as {times * FOCAL:.6g}" in reason.sentence
+        assert "the file is of another focus or picture size: leave --intrinsics" in reason.sentence
         assert reason.next.startswith("calib fit")
         evidence = scale_evidence(estimate)
         assert evidence.change == pytest.approx(times - 1, rel=0.1)
