@@ -9,7 +9,7 @@ from calib.commands.arguments import add_camera, add_output, millimetres, whole_
 from calib.commands.board_options import add_coding, board_from_options
 from calib.commands.cover_options import add_intrinsics, intrinsics_from_options
 from calib.commands.printing import print_remark
-from calib.errors import harmless
+from calib.errors import InputError, harmless
 from calib.io.numerals import counted
 from calib.io.shell import shell_path
 
@@ -25,6 +25,28 @@ WITH_BOARD = ("mrcal", "photonvision")
 """The sources that say themselves which board they show."""
 PICTURES = ("images", "video", "bag")
 """The sources whose lens a person may state."""
+BOARD_WORDS = "--board 9x6 --square-mm 25"
+WHOLE_COMMANDS = {
+    "mrcal": "calib import mrcal camera-0.cameramodel -o cam0",
+    "photonvision": "calib import photonvision calibration.json -o cam0",
+    "mrcal-corners": (
+        f"calib import mrcal-corners corners.vnl {BOARD_WORDS} --size 1920x1080 -o cam0"
+    ),
+    "ros": f"calib import ros calibrationdata.tar.gz {BOARD_WORDS} -o cam0",
+    "kalibr": "calib import kalibr FOLDER -o cam0",
+    "images": f"calib import images photos {BOARD_WORDS} -o cam0",
+    "bag": f"calib import bag recording.bag {BOARD_WORDS} -o cam0",
+    "video": f"calib import video film.mp4 {BOARD_WORDS} -o cam0",
+}
+"""A whole command for each source, for the message on arguments that are missing."""
+SINGLE_FILES = {
+    "mrcal": "a .cameramodel file",
+    "photonvision": "the .json file",
+    "mrcal-corners": "the .vnl file of the corners",
+    "ros": "the calibrationdata.tar.gz",
+    "video": "a video file",
+}
+"""The file that a source reads, for the message on a folder."""
 EXAMPLES = (
     "calib import images photos --board 9x6 --square-mm 25 -o cam0",
     "calib import rig camchain.yaml -o pair",
@@ -76,7 +98,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "a video of a board: its sharpest frames, spread over its length",
         ),
     ):
-        source = sources.add_parser(name, help=words, description=f"Import {words}.")
+        source = sources.add_parser(
+            name, help=words, description=f"Import {words}.", example=WHOLE_COMMANDS[name]
+        )
         source.add_argument("path", type=Path, metavar=metavar, help=path_help)
         if name not in WITH_BOARD:
             required = name != "kalibr"
@@ -133,7 +157,9 @@ def _add_rig(sources: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         "a rig that Kalibr (camchain.yaml), mrcal (a .cameramodel a camera) or OpenCV"
         " (stereo.yml) calibrated, with its pictures"
     )
-    rig = sources.add_parser("rig", help=summary, description=f"Import {summary}.")
+    rig = sources.add_parser(
+        "rig", help=summary, description=f"Import {summary}.", example=EXAMPLES[-1]
+    )
     rig.add_argument(
         "path", type=Path, nargs="+", metavar="FILE", help="the files of the calibration"
     )
@@ -161,6 +187,8 @@ def run(args: argparse.Namespace) -> None:
     if args.source == "rig":
         _run_rig(args)
         return
+    if args.source in SINGLE_FILES and args.path.is_dir():
+        raise InputError(f"{args.path}: give {SINGLE_FILES[args.source]}, not a folder.")
     draft = _with_intrinsics(_draft(args), args)
     count = write_session(draft, args.output)
     for notice in draft.notices:
