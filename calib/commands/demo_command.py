@@ -16,6 +16,7 @@ from calib.commands.parser import command_name
 from calib.commands.printing import print_json
 from calib.commands.program import runnable_command
 from calib.commands.report_command import show_report
+from calib.errors import InputError
 from calib.io.shell import path_word, shell_line
 
 SUMMARY = "Calibrate pictures that come with calib, and open the report."
@@ -28,6 +29,7 @@ commands that you would type for your own camera, and shows what they print.
 EXAMPLES = ("calib demo", "calib demo -o try --no-open")
 QUIET = "print no progress, no remarks and no tables"
 FOLDER = "refracal-demo"
+SESSION = "session.yaml"
 PICTURE = "wall.jpg"
 WALL_DEPTH = "0.8"
 """m, from the lens to the wall in PICTURE."""
@@ -60,6 +62,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     from calib.io.output_folder import OutputFolder
 
+    if not args.overwrite:
+        check_no_calibration(args.output)
     calibration = args.output / "calibration"
     report = calibration / "report.html"
     straight = args.output / "straight"
@@ -83,6 +87,25 @@ def run(args: argparse.Namespace) -> None:
         print(f"Before: {picture}\nAfter:  {straight / PICTURE}\nReport: {report}")
     if not (args.no_open or args.json):
         show_report(report)
+
+
+def check_no_calibration(folder: Path) -> None:
+    """Raise InputError if the folder holds a session or a calibration that is not the demo's:
+    files that calib wrote for a camera are not foreign, and yet are not to be replaced.
+    """
+    from calib.io.files import read_file
+    from calib.io.output_folder import ANOTHER_FOLDER
+
+    session = folder / SESSION
+    demo = package_files("calib") / "demo" / SESSION
+    if session.is_file() and read_file(session) == demo.read_bytes():
+        return
+    for place in (session, folder / RESULTS[0], folder / "calibration" / RESULTS[0]):
+        if place.exists():
+            raise InputError(
+                f"{place} is not the demo's: {ANOTHER_FOLDER}, or replace what is there with"
+                " --overwrite."
+            )
 
 
 def copy_session(folder: Path, *, overwrite: bool) -> None:

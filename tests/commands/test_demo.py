@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from calib.cli import main
+from calib.io.output_folder import OutputFolder
 from fixtures.housing import INDEX, WINDOW
 from fixtures.wall import bend_of_joint
 
@@ -102,6 +103,20 @@ def test_the_stream_of_the_tutorial_is_straight(
     exec(program.replace("depth=0.5", "depth=0.8"), names)
     cv2.imwrite("straight.png", names["straight"])
     assert bend_of_joint(tmp_path / "straight.png") < 0.4  # the film's compression costs 0.1 px
+
+
+@pytest.mark.parametrize("file", ["calibration.yaml", "calibration/calibration.yaml"])
+def test_the_calibration_of_a_camera_is_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], file: str
+) -> None:
+    """It is refused also where calib itself wrote it."""
+    place = tmp_path / file
+    place.parent.mkdir(exist_ok=True)
+    OutputFolder(place.parent).write(place.name, "of a camera")
+    assert main(["demo", "-o", str(tmp_path), "--no-open"]) == 2
+    assert f"{place} is not the demo's: give another folder with -o" in capsys.readouterr().err
+    assert place.read_text() == "of a camera"
+    assert not (tmp_path / "session.yaml").exists()
 
 
 def test_a_foreign_file_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
