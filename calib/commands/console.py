@@ -1,6 +1,7 @@
 """Progress bars on stderr, and tables on stdout."""
 
 import sys
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from types import TracebackType
 
@@ -43,6 +44,8 @@ from calib.verdict.uncertainty import reached_depths
 AS_WELL = 1.2
 """The largest error of held-out views, over that of the fitted ones, that is called as good."""
 TITLE_WIDTH = 22
+NUMBER_WIDTH = len(" (2)")
+"""The width of the number behind a title that comes again."""
 BAR_WIDTH = 20
 
 
@@ -55,17 +58,20 @@ class _Narrator(Console):
 
 
 class Bars:
-    """Progress bars on stderr, one for each task."""
+    """Progress bars on stderr, one for each task. Tasks of one title are numbered."""
 
     def __init__(self) -> None:
         columns = (
-            TextColumn("{task.description}", markup=False, table_column=_column(TITLE_WIDTH)),
+            TextColumn(
+                "{task.description}", markup=False, table_column=_column(TITLE_WIDTH + NUMBER_WIDTH)
+            ),
             BarColumn(bar_width=BAR_WIDTH, table_column=_column(BAR_WIDTH)),
             TextColumn("{task.completed:>4.0f}/{task.total:<4.0f}", table_column=_column(9)),
             TimeElapsedColumn(table_column=_column(7)),
             TextColumn("{task.fields[words]}", markup=False, table_column=_column()),
         )
         self._progress = Progress(*columns, console=_Narrator(stderr=True))
+        self._titles: Counter[str] = Counter()
 
     def __enter__(self) -> "Bars":
         return self
@@ -81,7 +87,9 @@ class Bars:
 
     def task(self, title: str, total: int) -> Advance:
         self._progress.start()
-        bar: TaskID = self._progress.add_task(brief(title), total=total, words="")
+        self._titles[title] += 1
+        repeats = f" ({self._titles[title]})" if self._titles[title] > 1 else ""
+        bar: TaskID = self._progress.add_task(brief(title) + repeats, total=total, words="")
         return lambda done, words: self._progress.update(bar, completed=done, words=brief(words))
 
 

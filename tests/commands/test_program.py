@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from calib.commands.console import Bars
 from calib.commands.program import runnable_command
 from calib.commands.verdict_lines import print_verdict
 from calib.verdict.verdict import Reason, Verdict
@@ -88,8 +89,19 @@ def test_a_fit_comes_after_what_its_reason_asks_for(capsys: pytest.CaptureFixtur
     assert "Next, once that is done: " in capsys.readouterr().out.splitlines()[-1]
 
 
+def test_bars_of_one_title_are_numbered(capsys: pytest.CaptureFixture[str]) -> None:
+    with Bars() as bars:
+        for _ in range(2):
+            bars.task("Uneven, as declared", 1)(1, "")
+    lines = capsys.readouterr().err.splitlines()
+    assert [line[:26].strip() for line in lines] == [
+        "Uneven, as declared",
+        "Uneven, as declared (2)",
+    ]
+
+
 def test_an_empty_line_sets_the_verdict_apart(capsys: pytest.CaptureFixture[str]) -> None:
     print_verdict(Verdict((), "calib undistort it"), [Path("it/report.html")])
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == ["Wrote it/report.html", ""]
-    assert lines[2].startswith("You can trust it")
+    assert lines[2].startswith("You can trust this calibration")
