@@ -4,6 +4,12 @@ import shlex
 from pathlib import Path
 
 
+def from_here(path: Path) -> Path:
+    """Return a path relative to the current folder if it lies below it; else as it is."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
+
+
 def path_word(path: Path | str) -> str:
     """Return a path as an argument of a command: with ./ before a name that begins with a dash,
     which the command would take for an option.

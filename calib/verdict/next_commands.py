@@ -15,7 +15,7 @@ from calib.inference.cross_validation import MIN_CONFIRMING_VIEWS
 from calib.io.images import frames_folder
 from calib.io.numerals import depth_text
 from calib.io.output_folder import OutputFolder
-from calib.io.shell import shell_line, shell_path
+from calib.io.shell import from_here, shell_line, shell_path
 from calib.verdict.picture_source import PictureSource, picture_source
 
 HOLDOUT = "HOLDOUT"
@@ -63,6 +63,8 @@ class NextCommands:
         """
         request = calibration.request
         recorded = Path(request.session)
+        if folder and not folder.is_absolute():  # a report, which moves, has absolute paths
+            recorded = from_here(recorded)
         around = folder.parent if folder else recorded
         if not session:
             session = next((s for s in (recorded, around) if is_described(s)), recorded)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.io.shell import shell_line, shell_path
+from calib.io.shell import from_here, shell_line, shell_path
 
 ROOT = Path(__file__).parents[2]
 EXCEPTIONS = {"calib/io/shell.py", "calib/fleet/cluster.py"}
@@ -25,6 +25,17 @@ EXCEPTIONS = {"calib/io/shell.py", "calib/fleet/cluster.py"}
 def test_a_path_that_begins_with_a_dash_is_no_option(path: str, word: str) -> None:
     assert shell_path(Path(path)) == word
     assert shell_line("calib", Path(path), "--depth") == f"calib {word} --depth"
+
+
+def test_a_path_below_the_current_folder_is_relative_to_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = tmp_path.resolve()
+    monkeypatch.chdir(here)
+    assert from_here(here / "cam0" / "frames") == Path("cam0/frames")
+    assert from_here(here) == Path()
+    assert from_here(here.parent) == here.parent
+    assert from_here(Path("../cam0")) == Path("../cam0")
 
 
 def test_every_printed_path_is_quoted_in_one_place() -> None:

@@ -46,6 +46,20 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
     assert shlex.split(commands.undistort(0.5)) == words
 
 
+def test_a_session_below_the_current_folder_is_written_as_the_calibration_is(
+    good: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A report may be read in another folder: its calibration's path is absolute."""
+    session = tmp_path.resolve() / "cam0"
+    session.mkdir()
+    monkeypatch.chdir(tmp_path)
+    recorded = replace(good, request=replace(good.request, provenance=Provenance(str(session))))
+    typed = NextCommands.of(recorded, Path("cam0/calibration"), None, ())
+    assert typed.capture() == "capture cam0"
+    reported = NextCommands.of(recorded, session / "calibration", None, ())
+    assert reported.capture() == f"capture {session}"
+
+
 def test_no_path_is_taken_for_an_option() -> None:
     commands = NextCommands(Path("-s"), Path("-s/calibration"), Settings(), pictures=Path("-s"))
     session = NextCommands(Path("-s"), Path("-out"), Settings(), pictures=Path("-s"))
