@@ -30,9 +30,12 @@ WORDS = {
 """The words for groups that are no dimension of the cover."""
 ADVICE = {
     "camera": "calibrate the camera without its cover, in bare/",
-    "relief": "no view in one medium determines it well",
+    "relief": "",
     MEDIUM: "measure its salinity and temperature, and write --index-sigma",
 }
+"""The advice for groups that are not measured with a rule; none for what no view in one medium
+determines well.
+"""
 DISPLAY_UNITS = {"m": ("mm", 1e3), "rad": ("degrees", 180 / np.pi), "": ("", 1.0)}
 """The unit in session.yaml for each SI unit, and the number of these in one SI unit."""
 
@@ -55,9 +58,9 @@ class DominantUncertainty:
 
     @property
     def advice(self) -> str:
-        """A sentence on what to measure."""
-        if advice := ADVICE.get(self.name):
-            return advice
+        """The words on what to measure; empty if nothing can be measured."""
+        if self.name in ADVICE:
+            return ADVICE[self.name]
         to = (
             ""
             if self.measured_to is None

@@ -51,8 +51,11 @@ EXAMPLES = (
 
 UNKNOWN_FACE = 0.05
 """px: a smaller difference between the two faces needs no remark."""
-MAX_LISTED = 3
-"""The number of depths that a sentence lists."""
+ASSUMED_FACE = "the maps assume the outer face"
+LABEL_WIDTH = 44
+"""The width of the first column of the table; longer labels take several lines."""
+DEPTH_WIDTH = 12
+"""The width of a column with errors in px, with its border."""
 MAX_GAS_INDEX = 1.01
 """A lower index is that of a gas, whose uncertainty is negligible."""
 
@@ -225,29 +228,33 @@ def _dispersion(args: argparse.Namespace, index: float) -> Dispersion | None:
 
 def _remarks(immersion: "Immersion") -> Iterator[str]:
     """Yield a sentence for each limit of the result that a person must know."""
-    depths = _listed(immersion.depths)
     if not immersion.after_px:
         yield (
             "the fit estimated no covariance, so the uncertainty of these maps is unknown: fit with"
             " --method joint."
         )
     if immersion.unknown:
-        original_sigmas = _listed(immersion.before_px)
-        new_sigmas = _listed(immersion.after_px)
+        dominant = immersion.dominant[:2]
+        numbers = " and ".join(parameter.words for parameter in dominant) or "a number"
+        verb, pronoun = ("matter", "them") if len(dominant) > 1 else ("matters", "it")
+        advice = [
+            f" Or, for {parameter.words}: {parameter.advice}."
+            for parameter in dominant
+            if parameter.advice
+        ]
+        face = ""
+        if _depends_on_face(immersion):
+            face = f", and show which face of the glass is uneven ({ASSUMED_FACE})"
         yield (
-            f"the views do not determine a number that matters in the new medium: at {depths} m the"
-            f" maps are known to {new_sigmas} px, and in the medium of the calibration to"
-            f" {original_sigmas}. Take three pictures of the board in the new medium, which"
-            " determine it (calib check IMMERSED PICTURES --update), or improve the following."
+            f"the views do not determine {numbers}, which {verb} in the new medium. Three pictures"
+            f" of the board there determine {pronoun} (calib check IMMERSED PICTURES"
+            f" --update){face}.{''.join(advice)}"
         )
-        for parameter in immersion.dominant[:2]:
-            yield f"the views do not determine {parameter.words}: {parameter.advice}."
-    if immersion.other_face_px and max(immersion.other_face_px) > UNKNOWN_FACE:
+    elif _depends_on_face(immersion):
         yield (
-            "views in one medium do not show which face of the glass is uneven; calib assumes the"
-            " outer one. If it is the inner one, the maps are wrong by"
-            f" {_listed(immersion.other_face_px)} px at {depths} m: run calib check with a few"
-            " pictures that are taken in the new medium."
+            "views in one medium do not show which face of the glass is uneven"
+            f" ({ASSUMED_FACE}): run calib check with a few pictures that are taken in the new"
+            " medium."
         )
     if immersion.unexplained:
         yield (
@@ -256,14 +263,9 @@ def _remarks(immersion: "Immersion") -> Iterator[str]:
         )
 
 
-def _listed(numbers: tuple[float, ...]) -> str:
-    """Return the numbers as text; of more than `MAX_LISTED`, the first, the middle and the last."""
-    listed = (
-        numbers
-        if len(numbers) <= MAX_LISTED
-        else (numbers[0], numbers[len(numbers) // 2], numbers[-1])
-    )
-    return ", ".join(f"{number:.2g}" for number in listed)
+def _depends_on_face(immersion: "Immersion") -> bool:
+    """True if the maps depend on which face of the glass is uneven."""
+    return max(immersion.other_face_px, default=0.0) > UNKNOWN_FACE
 
 
 def _as_mapping(
@@ -312,29 +314,34 @@ def _print(
 
     from calib.commands.printing import print_paths
 
-    console = Console()
     index = immersion.medium
+    rows: list[tuple[str, Sequence[float]]] = []
     if immersion.after_px:
-        outside = with_sigma(index.value, index.sigma)
-        console.print(
-            f"Expected error of the maps (sigma), outside index {outside}:",
-            highlight=False,
-        )
         original = f"{medium.value:.5g}" if medium else "before"
-        table = Table("depth", f"outside {original}", f"outside {index.value:.5g}")
-        for depth, original_sigma, new_sigma in zip(
-            immersion.depths, immersion.before_px, immersion.after_px, strict=True
-        ):
-            table.add_row(f"{depth:g} m", f"{original_sigma:.3f} px", f"{new_sigma:.3f} px")
+        rows = [
+            (f"outside {original}", immersion.before_px),
+            (f"outside {index.value:.5g}", immersion.after_px),
+        ]
+    rows += [
+        (f"... with {parameter.words} exact", parameter.sigma_px)
+        for parameter in immersion.dominant
+    ]
+    if _depends_on_face(immersion):
+        rows.append(("error if the inner face is the uneven one", immersion.other_face_px))
+    if rows:
+        depths = [f"{depth:g} m" for depth in immersion.depths]
+        table = Table("", *depths)
+        table.columns[0].max_width = LABEL_WIDTH
+        for column in table.columns[1:]:
+            column.justify = "right"
+        for label, errors in rows:
+            table.add_row(label, *(f"{error:.3f} px" for error in errors))
+        needed = LABEL_WIDTH + DEPTH_WIDTH * (len(depths) + 1)
+        console = Console(markup=False, highlight=False)
+        console.width = max(console.width, needed)
+        outside = with_sigma(index.value, index.sigma)
+        console.print(f"Expected error of the maps (sigma), outside index {outside}:")
         console.print(table)
-    for parameter in immersion.dominant:
-        sigmas = ", ".join(f"{sigma:.3f}" for sigma in parameter.sigma_px)
-        console.print(
-            f"If {parameter.words} were known exactly: {sigmas} px.",
-            soft_wrap=True,
-            markup=False,
-            highlight=False,
-        )
     print_paths(written)
     narrator = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     for remark in remarks:

@@ -3,6 +3,7 @@ what the change makes visible.
 """
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -444,11 +445,10 @@ def test_the_command_prints_sentences_for_people(
     )
     out, err = capsys.readouterr()
     assert "outside index 1.34 ± 0.10" in " ".join(out.split())
-    assert (
-        "the views do not determine a number that matters in the new medium: at 0.3, 0.5, 1 m the"
-        " maps"
-        " are known to" in err
-    )
+    assert re.search(r"outside 1\.34( +│ +\d+\.\d{3} px){3}", out)
+    assert re.search(r"\.\.\. with the index of what is outside exact( +│ +\d+\.\d{3} px){3}", out)
+    assert "the views do not determine the index of what is outside" in err
+    assert "Or, for the index of what is outside: measure its salinity" in err
     assert "measure its salinity and temperature, and write --index-sigma" in err
     assert (
         main(

@@ -35,7 +35,7 @@ SLOPE = Dimension(
 AXIS = (
     Dimension(
         Quantity("axis_offset_mm", ("x", "z"), low=-1e5, high=1e5, wide=UNKNOWN_OFFSET),
-        words="where the cover's axis is (axis_offset_mm)",
+        words="the place of the cover's axis (axis_offset_mm)",
         explanation=(
             "From the lens to the cover's axis in mm, x right, z ahead: 0,-30 is 30 mm behind."
         ),

@@ -26,7 +26,7 @@ DOME = Shape(
         ),
         Dimension(
             Quantity("centre_mm", ("x", "y", "z"), low=-1e5, high=1e5, wide=UNKNOWN_OFFSET),
-            words="where the dome's centre is (centre_mm)",
+            words="the dome's centre (centre_mm)",
             explanation=(
                 "From the lens to the dome's centre in mm, x right, y down, z ahead: 0,0,-8 is"
                 " 8 mm behind."

@@ -15,7 +15,7 @@ FLAT = Shape(
     (
         Dimension(
             Quantity("distance_mm", low=0.05, high=1e5, wide=UNKNOWN_DISTANCE),
-            words="how far the glass is from the pinhole (distance_mm)",
+            words="the distance of the glass from the pinhole (distance_mm)",
             explanation="Millimetres from the lens to the window's inner face.",
             tolerance=DISTANCE,
             option="distance",
