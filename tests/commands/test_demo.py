@@ -109,7 +109,7 @@ def test_the_stream_of_the_tutorial_is_straight(
 def test_the_calibration_of_a_camera_is_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], file: str
 ) -> None:
-    """It is refused also where calib itself wrote it."""
+    """A file that calib itself wrote for a camera is not replaced either."""
     place = tmp_path / file
     place.parent.mkdir(exist_ok=True)
     OutputFolder(place.parent).write(place.name, "of a camera")
