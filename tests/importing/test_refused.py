@@ -97,7 +97,7 @@ REFUSED = (
         "none.cameramodel cannot be read",
         (),
     ),
-    Refused("mrcal folder", "mrcal", lambda folder: folder, "give a .cameramodel file, not a folder", ()),
+    Refused("mrcal folder", "mrcal", lambda folder: folder, "give a .cameramodel file, not", ()),
     Refused(
         "mrcal not a literal",
         "mrcal",
