@@ -549,8 +549,9 @@ MALFORMED: tuple[Malformed, ...] = (
     ),
     Malformed(
         "dangling link",
-        lambda f: (f / "frames" / "0003.png").symlink_to("gone.png"),
-        ("0003.png cannot be read",),
+        lambda f: (f / "frames" / "0003.npy").symlink_to("gone.npy"),
+        ("0003.npy", "cannot be read"),
+        is_extra=True,
     ),
     Malformed(
         "corners missing",
