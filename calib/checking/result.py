@@ -175,6 +175,8 @@ class CheckResult:
         )
 
     def as_json(self) -> dict[str, object]:
+        is_proof = self.status is not CheckStatus.VALID or not self.is_known
+        reservation = "" if is_proof else f"{self.sentence[0].lower()}{self.sentence[1:-1]}"
         statistics = self.statistics.as_json() if self.statistics else NO_STATISTICS
         return (
             {"answer": self.status.value}
@@ -186,6 +188,6 @@ class CheckResult:
                 ],
                 "changes": [change.as_json() for change in self.changes],
                 "lacking": self.lacking,
-                "note": self.note,
+                "note": self.note or reservation,
             }
         )

@@ -86,6 +86,10 @@ def test_a_valid_calibration_exits_with_0(
     assert main(["check", str(saved), str(fitted)]) == 0
     output = capsys.readouterr().out
     assert output.startswith("Not checked: the calibration was made from these pictures.")
+    assert main(["check", str(saved), str(fitted), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["answer"] == "valid"
+    assert document["note"] == "not checked: the calibration was made from these pictures"
 
 
 def test_a_valid_check_repeats_that_the_calibration_asks_for_care(cameras: Made) -> None:
