@@ -526,7 +526,7 @@ def test_a_reader_that_stops_early_is_no_error(
     assert (tmp_path / "map_1m.npz").exists()
     done = in_process(measure, "ascii", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert done.returncode == 0
-    assert "metres +- sigma" in done.stdout
+    assert "mm +- sigma" in done.stdout
 
 
 def test_an_interrupted_command_prints_only_that(
