@@ -182,7 +182,7 @@ def diagnose(
         formulas=formulas,
         differing=differing,
         given_held_out_px=given_held_out,
-        given=calibration.stages[-1],
+        given=calibration.stages[-1] if calibration.stages else None,
         decided=count >= MIN_CONFIRMING_VIEWS,
         evaluation=evaluation,
         base_quality=Quality(base_residuals.rms_px, base_residuals.rmse_cm, base_held_out),
