@@ -25,11 +25,11 @@ from calib.io.shell import shell_path
 from calib.io.yaml_reader import read_yaml
 from calib.rig.layout import RigLayout
 from calib.rig.rig_content import FoundEffect, RejectedView, RigContent, RigRecord
+from calib.rig.rig_file import CALIBRATED
 from calib.rig.rig_geometry import rig_geometry, rig_models
 from calib.session.schema import Number
 
 FORMAT = 1
-NAME = "rig_calibration.yaml"
 ARRAYS = "rig_calibration.npz"
 
 
@@ -66,7 +66,7 @@ class RigFiles:
 
     def reserve(self, names: Sequence[str] = ()) -> None:
         """Check that the files may be written, and further ones of the rig's folder."""
-        self.rig.reserve([NAME, ARRAYS, *names])
+        self.rig.reserve([CALIBRATED, ARRAYS, *names])
         for files in self.cameras.values():
             files.reserve(["calibration.yaml", "calibration.npz"])
 
@@ -74,7 +74,7 @@ class RigFiles:
         """Add the files of a rig, and return their future paths, the rig's own first."""
         self.rig.write(ARRAYS, rig_arrays(rig))
         text = yaml.safe_dump(rig_mapping(rig), sort_keys=False, allow_unicode=True, width=120)
-        written = [self.rig.write(NAME, text)]
+        written = [self.rig.write(CALIBRATED, text)]
         written += [rig.calibrations[name].write(files) for name, files in self.cameras.items()]
         return written
 
@@ -93,10 +93,10 @@ def read_rig_content(path: str | FilePath) -> RigContent:
         InputError: a file is missing or damaged, or they do not belong together.
     """
     if not isinstance(path, str | PathLike):
-        raise wrong_type("path", path, f"the path of a rig's folder or {NAME}")
+        raise wrong_type("path", path, f"the path of a rig's folder or {CALIBRATED}")
     file = FilePath(path)
     with reading(file):
-        file = file / NAME if file.is_dir() else file
+        file = file / CALIBRATED if file.is_dir() else file
     if not find_current(file).is_file():
         raise InputError(f"{file} does not exist: give the folder that calib rig fit wrote.")
     document = read_yaml(find_current(file))
