@@ -287,7 +287,7 @@ def test_the_notebook_runs(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "cover.inner_radius" in done.stdout
-    assert "You can trust it" in done.stdout
+    assert "You can trust this calibration" in done.stdout
 
 
 RUN_CELLS = """
