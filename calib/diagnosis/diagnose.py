@@ -4,7 +4,8 @@ them, and report the error on held-out views before and after.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -17,6 +18,7 @@ from calib.diagnosis.backward_elimination import drop_idle
 from calib.diagnosis.effect_description import first_changed, spread_of
 from calib.diagnosis.equivalence import find_families
 from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate
+from calib.diagnosis.printed_patterns import ClosedForm
 from calib.diagnosis.search import (
     MAX_EFFECTS,
     MAX_FITS,
@@ -97,63 +99,21 @@ def diagnose(
     observations = calibration.observations
     advance = progress.task("Diagnosis", STEPS)
     with single_thread():
-        # Held-out views decide on every cause, also on the bend that the fit found.
-        model = full_model(without_own_bend(calibration))
-        advance(1, "fit")
-        base = ModelFit(model, model.fit(observations, torch.from_numpy(calibration.poses)))
-        if not base.joint.finite:
-            raise NotEnoughDataError(base.joint.outcome.value)
-        given = base_model(calibration)
         with_free = with_all_free(calibration)
-        problem = SearchProblem(
-            board=calibration.board,
-            camera=calibration.camera,
-            observations=observations,
-            folds=fold_split(poses),
-            depth_bands=depth_split(_view_distances(base, observations), poses),
-            base=given,
-            free_base=base_model(with_free) if with_free is not calibration else None,
-            report=_Reporter(advance),
-            has_structure=lambda fit: bool(
-                significant_shares(_shares(calibration, fit, observations))
-            ),
-        )
-        state = SearchState.begin(problem, base)
-        base_held_out = state.evaluations.held_out_errors().rms
-        families: tuple[Family, ...] = ()
-        scores: tuple[str, ...] = ()
-        differing: Differing | None = None
-        if count < MIN_CONFIRMING_VIEWS:
-            state, tests = score(state, EFFECTS)
-            scores = unconfirmed_scores(tests, count, MIN_CONFIRMING_VIEWS)
-        else:
-            state = run_search(state)
-            advance(STEPS - 1, "rivals")
-            state, families = find_families(state)
-            if (free := with_free_numbers(state)) is not state:
-                state, families = find_families(drop_idle(free)[0])
-            left_px = _residuals(state.fit, observations).rms_px
-            if not is_stated_noise(calibration.board, left_px, stated_noise(calibration.views)):
-                differing = state.evaluations.differing
+        start = _begin(calibration, with_free, _Reporter(advance))
+        base = start.fit
+        base_held_out = start.evaluations.held_out_errors().rms
+        result = _search(start, calibration, advance)
+        state = result.state
         held_out = state.evaluations.held_out_errors().rms
         advance(STEPS, "")
         formulas = tuple(printed_forms(state))
         structure = significant_shares(_shares(calibration, state.fit, observations))
-        timed = are_timed(calibration.views)
-        noisy_views = describe_noisy_views(calibration.outcome.view_noise)
-        sentences = (
-            *scores,
-            *([noisy_views] if noisy_views else []),
-            *(
-                [f"{sentence[0].upper()}{sentence[1:]}"]
-                if (sentence := str(differing or ""))
-                else []
-            ),
-            *remarks(state, families, formulas, structure, timed=timed),
-        )
+        sentences = _sentences(result, calibration, formulas, structure)
     # Without an effect of its own, the search frees no number.
     fitted_from = calibration if state.problem.free_base else with_free
-    changed = state.model.effects or calibration.effects or _names(state.model) != _names(given)
+    is_renamed = _names(state.model) != _names(state.problem.base)
+    changed = state.model.effects or calibration.effects or is_renamed
     # Where nothing was added, every number stays as it was given.
     extended = (
         with_fit(fitted_from, state.model, state.joint, observations) if changed else calibration
@@ -177,10 +137,10 @@ def diagnose(
         residual=tuple(_shares(calibration, base, observations)),
         candidates=tuple(_candidates(state, accepted)),
         accepted=accepted,
-        earlier=tuple(effect.name for effect in model.effects if effect.name in accepted),
-        families=families,
+        earlier=tuple(effect.name for effect in base.model.effects if effect.name in accepted),
+        families=result.families,
         formulas=formulas,
-        differing=differing,
+        differing=result.differing,
         given_held_out_px=given_held_out,
         given=calibration.stages[-1] if calibration.stages else None,
         decided=count >= MIN_CONFIRMING_VIEWS,
@@ -195,12 +155,92 @@ def diagnose(
     return replace(extended, noise_px=noise, history=history), diagnosis
 
 
+def _begin(
+    calibration: Calibration, with_free: Calibration, report: Callable[[str], None]
+) -> SearchState:
+    """Return the state before the search: the fit of the calibration's model without an effect that
+    the fit of the session added, since held-out views decide on every cause.
+
+    Args:
+        with_free: the calibration with every number estimated.
+        report: called with what the search does next.
+
+    Raises:
+        NotEnoughDataError: the fit is not finite.
+    """
+    observations = calibration.observations
+    model = full_model(without_own_bend(calibration))
+    report("fit")
+    base = ModelFit(model, model.fit(observations, torch.from_numpy(calibration.poses)))
+    if not base.joint.finite:
+        raise NotEnoughDataError(base.joint.outcome.value)
+    poses = pose_labels(calibration.views)
+    problem = SearchProblem(
+        board=calibration.board,
+        camera=calibration.camera,
+        observations=observations,
+        folds=fold_split(poses),
+        depth_bands=depth_split(_view_distances(base, observations), poses),
+        base=base_model(calibration),
+        free_base=base_model(with_free) if with_free is not calibration else None,
+        report=report,
+        has_structure=lambda fit: bool(significant_shares(_shares(calibration, fit, observations))),
+    )
+    return SearchState.begin(problem, base)
+
+
+@dataclass(frozen=True, slots=True)
+class _SearchResult:
+    """The result of a search."""
+
+    state: SearchState
+    families: tuple[Family, ...] = ()
+    differing: Differing | None = None
+    scores: tuple[str, ...] = ()
+    """Sentences about the scores of effects that too few views confirm."""
+
+
+def _search(state: SearchState, calibration: Calibration, advance: Advance) -> _SearchResult:
+    """Search for the missing effects, and for others that explain the views as well."""
+    count = len(set(pose_labels(calibration.views).tolist()))
+    if count < MIN_CONFIRMING_VIEWS:
+        state, tests = score(state, EFFECTS)
+        return _SearchResult(state, scores=unconfirmed_scores(tests, count, MIN_CONFIRMING_VIEWS))
+    state = run_search(state)
+    advance(STEPS - 1, "rivals")
+    state, families = find_families(state)
+    if (free := with_free_numbers(state)) is not state:
+        state, families = find_families(drop_idle(free)[0])
+    left_px = _residuals(state.fit, calibration.observations).rms_px
+    if is_stated_noise(calibration.board, left_px, stated_noise(calibration.views)):
+        return _SearchResult(state, families)
+    return _SearchResult(state, families, state.evaluations.differing)
+
+
+def _sentences(
+    result: _SearchResult,
+    calibration: Calibration,
+    formulas: Sequence[ClosedForm],
+    structure: Sequence[VarianceShare],
+) -> tuple[str, ...]:
+    """Return the remarks of a diagnosis."""
+    noisy_views = describe_noisy_views(calibration.outcome.view_noise)
+    differing = str(result.differing or "")
+    timed = are_timed(calibration.views)
+    return (
+        *result.scores,
+        *([noisy_views] if noisy_views else []),
+        *([f"{differing[0].upper()}{differing[1:]}"] if differing else []),
+        *remarks(result.state, result.families, formulas, structure, timed=timed),
+    )
+
+
 class _Reporter:
     """Progress of a search whose number of steps is not known beforehand."""
 
     def __init__(self, advance: Advance) -> None:
         self._advance = advance
-        self._steps = 1
+        self._steps = 0
 
     def __call__(self, remark: str) -> None:
         self._steps += 1
