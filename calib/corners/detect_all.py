@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -107,69 +107,120 @@ def detect(
     sample = sorted({round(index) for index in np.linspace(0, len(paths) - 1, SAMPLE_SIZE)})
     remainder = [index for index in range(len(paths)) if index not in sample]
     stores = {folder: _Store(folder, board, size) for folder in {path.parent for path in paths}}
-    results: dict[int, Detection | NotFound] = {}
-    hits = 0
-    strays: dict[int, str] = {}
+    search = _Search(paths, board, min_views)
     try:
         for batch in (sample, remainder):
-            for index, result in zip(
-                batch, _in_threads([paths[i] for i in batch], stores), strict=True
-            ):
-                results[index] = result
-                hits += isinstance(result, Detection)
+            results = _in_threads([paths[i] for i in batch], stores)
+            for index, result in zip(batch, results, strict=True):
+                search.add(index, result)
                 if progress is not None:
-                    progress(len(results), hits)
-            damaged = [i for i, result in results.items() if isinstance(result, Damaged)]
-            if 2 * len(damaged) >= len(paths) or len(damaged) == len(results):
-                read_grey(paths[min(damaged)])  # raises with the reason
-            strays = {i: r.reason for i, r in results.items() if isinstance(r, OtherSize)}
-            usable = len(paths) - len(strays) - len(damaged)
-            too_few = usable < min(min_views, len(paths) - len(damaged))
-            if strays and (too_few or len(strays) >= min(usable, len(results))):
-                first = min(strays)
-                raise InputError(
-                    f"{paths[first]} {strays[first]}, and too few pictures have that size: correct"
-                    " camera.width and camera.height in session.yaml, or give the pictures of this"
-                    " camera mode."
-                )
-            if batch is sample and not hits:
-                _refuse_other_board([paths[i] for i in sample if i not in damaged], board)
+                    progress(len(search.results), search.hits)
+            search.refuse_damaged()
+            search.refuse_other_size()
+            if batch is sample and not search.hits:
+                search.refuse_other_board(sample)
     finally:
         for store in stores.values():
             store.save()
-    if hits < min(min_views, len(paths)) or hits < MIN_FRACTION * usable:
-        if hits:
-            _refuse_other_board(
-                [
-                    paths[i]
-                    for i in (*sample, *remainder)
-                    if isinstance(results[i], NotFound) and i not in damaged
-                ][:SAMPLE_SIZE],
-                board,
+    search.refuse_few((*sample, *remainder))
+    return search.detections()
+
+
+@dataclass(slots=True)
+class _Search:
+    """The results of the pictures that were searched so far, by the index of each picture."""
+
+    paths: Sequence[Path]
+    board: Board
+    min_views: int
+    results: dict[int, Detection | NotFound] = field(default_factory=dict)
+    hits: int = 0
+    """The number of pictures that show the board."""
+
+    def add(self, index: int, result: Detection | NotFound) -> None:
+        """Add the result of a picture."""
+        self.results[index] = result
+        self.hits += isinstance(result, Detection)
+
+    @property
+    def _damaged(self) -> list[int]:
+        return [i for i, result in self.results.items() if isinstance(result, Damaged)]
+
+    @property
+    def _other_sizes(self) -> dict[int, str]:
+        """The reason of each picture of another size."""
+        return {i: r.reason for i, r in self.results.items() if isinstance(r, OtherSize)}
+
+    @property
+    def _usable(self) -> int:
+        """The number of all pictures but those that are damaged or of another size."""
+        return len(self.paths) - len(self._other_sizes) - len(self._damaged)
+
+    def refuse_damaged(self) -> None:
+        """Raise DamagedPictureError if half of the pictures, or all so far, are damaged."""
+        damaged = self._damaged
+        if 2 * len(damaged) >= len(self.paths) or len(damaged) == len(self.results):
+            read_grey(self.paths[min(damaged)])  # raises with the reason
+
+    def refuse_other_size(self) -> None:
+        """Raise InputError if too few pictures have the camera's size."""
+        other_sizes = self._other_sizes
+        usable = self._usable
+        too_few = usable < min(self.min_views, len(self.paths) - len(self._damaged))
+        if other_sizes and (too_few or len(other_sizes) >= min(usable, len(self.results))):
+            first = min(other_sizes)
+            raise InputError(
+                f"{self.paths[first]} {other_sizes[first]}, and too few pictures have that size:"
+                " correct camera.width and camera.height in session.yaml, or give the pictures of"
+                " this camera mode."
             )
-        if damaged and hits + len(damaged) >= min(min_views, len(paths)):
-            read_grey(paths[min(damaged)])  # raises with the reason
+
+    def refuse_other_board(self, order: Sequence[int]) -> None:
+        """Raise OtherBoardError if the first of these pictures that do not show the declared board
+        show another one.
+        """
+        damaged = self._damaged
+        misses = [i for i in order if isinstance(self.results[i], NotFound) and i not in damaged]
+        _refuse_other_board([self.paths[i] for i in misses[:SAMPLE_SIZE]], self.board)
+
+    def refuse_few(self, order: Sequence[int]) -> None:
+        """Raise an error with the most frequent reason if too few pictures show the board.
+
+        Args:
+            order: the order in which the pictures were searched.
+        """
+        needed = min(self.min_views, len(self.paths))
+        if self.hits >= needed and self.hits >= MIN_FRACTION * self._usable:
+            return
+        if self.hits:
+            self.refuse_other_board(order)
+        damaged = self._damaged
+        if damaged and self.hits + len(damaged) >= needed:
+            read_grey(self.paths[min(damaged)])  # raises with the reason
         reasons = Counter(
             result.reason
-            for result in results.values()
+            for result in self.results.values()
             if isinstance(result, NotFound) and not isinstance(result, Damaged | OtherSize)
         )
         advice = next((reason for reason, _ in reasons.most_common(1)), CHECKERBOARD_ADVICE)
-        if not board.coding and advice != describe_two_boards(board):
+        if not self.board.coding and advice != describe_two_boards(self.board):
             advice = CHECKERBOARD_ADVICE
         raise NotEnoughDataError(
-            f"the {board} board was found in {hits} of {counted(len(paths), 'picture')}:"
-            f" {advice}, or take more of them."
+            f"the {self.board} board was found in {self.hits} of"
+            f" {counted(len(self.paths), 'picture')}: {advice}, or take more of them."
         )
-    views: list[View] = []
-    rejected: list[RejectedPicture] = []
-    for index, path in enumerate(paths):
-        result = results[index]
-        if isinstance(result, Detection):
-            views.append(_view(path.name, result))
-        else:
-            rejected.append(RejectedPicture(path.name, result.reason))
-    return Detections(weigh_views(views), tuple(rejected))
+
+    def detections(self) -> Detections:
+        """Return the views and the rejected pictures, in the order of the pictures."""
+        views: list[View] = []
+        rejected: list[RejectedPicture] = []
+        for index, path in enumerate(self.paths):
+            result = self.results[index]
+            if isinstance(result, Detection):
+                views.append(_view(path.name, result))
+            else:
+                rejected.append(RejectedPicture(path.name, result.reason))
+        return Detections(weigh_views(views), tuple(rejected))
 
 
 def _view(name: str, detection: Detection) -> View:
