@@ -234,27 +234,20 @@ def _from_mapping(
     if not board.has_grid:
         pitch = board.pitch if isinstance(board, PointTarget) else None
         board = PointTarget.of(arrays["target"], pitch)
-    _, declared, declared_cover = session_from_mapping(
-        {
-            **target,
-            "camera": document["declared"]["camera"],
-            "cover": document["declared"]["cover"],
-        },
-        f"{path}: declared",
-    )
-    if not (camera.intrinsics and declared.intrinsics):
+    declared = _declared(document["declared"], target, path)
+    if not camera.intrinsics:
         raise ValueError("camera.intrinsics is missing")
     relief = None if document["relief"] is None else relief_from_yaml(document["relief"])
     if relief and cover.shape == "none":
         raise ValueError("there is a relief and no cover")
+    view_count = len(arrays["names"])
     effects = tuple(AddedEffect(*effect_from_yaml(mapping)) for mapping in document["effects"])
-    count = len(arrays["names"])
-    if any(len(e.effect.pattern) != count for e in effects if isinstance(e.effect, Varying)):
+    if any(len(e.effect.pattern) != view_count for e in effects if isinstance(e.effect, Varying)):
         raise ValueError("an effect has a pattern that is not of these views")
     check_stages(
         [stage["name"] for stage in document["stages"]],
         has_cover=cover.shape != "none",
-        has_views=len(arrays["names"]) > 0,
+        has_views=view_count > 0,
     )
     request, outcome, history = record_from_yaml(document["settings"])
     if "uncertainty" in document:
@@ -264,18 +257,8 @@ def _from_mapping(
         has_covariance=arrays["covariance"].size > 0,
         has_relief=relief is not None,
     )
-    check_arrays(
-        arrays,
-        relief,
-        board,
-        sum(
-            VIEW_BLOCKS[block]
-            for block in (POSE, *(added.effect.per_view for added in effects))
-            if block
-        ),
-    )
-    blurs = arrays.get("blurs", np.full((*arrays["weights"].shape, 2), math.nan))
-    covariances = arrays.get("point_covariances", [None] * count)
+    blocks = (POSE, *(added.effect.per_view for added in effects))
+    check_arrays(arrays, relief, board, sum(VIEW_BLOCKS[block] for block in blocks if block))
     content = CalibrationContent(
         board=board,
         camera=camera,
@@ -283,23 +266,7 @@ def _from_mapping(
         relief=relief,
         amplitudes=arrays["amplitudes"],
         exact_hit=bool(document["relief"]["exact_hit"]) if relief else True,
-        views=tuple(
-            View(
-                str(name),
-                corners,
-                weight,
-                None if math.isnan(time_s) else float(time_s),
-                str(pose_id) or None,
-                covariance=covariance,
-                blur=blur if np.isfinite(blur).any() else None,
-            )
-            for name, corners, weight, time_s, pose_id, covariance, blur in zip(
-                *(arrays[key] for key in ("names", "corners", "weights", "times_s", "pose_ids")),
-                covariances,
-                blurs,
-                strict=True,
-            )
-        ),
+        views=_views(arrays),
         poses=arrays["poses"],
         covariance=arrays["covariance"],
         rejected=tuple(
@@ -314,22 +281,49 @@ def _from_mapping(
         outcome=outcome,
         history=history,
         effects=effects,
-        stated=Declared(
-            declared.intrinsics,
-            declared_cover,
-            tuple(map(str, document["declared"].get("doubted", ()))),
-        ),
+        stated=declared,
         refracal=document["refracal"],
         corners_at=arrays.get("corners_at", np.zeros((0, 3))),
     )
-    if content.covariance.size and len(content.covariance) != (
-        count := content.camera_model().parameters.count
-    ):
-        raise ValueError(
-            f"covariance is of {len(content.covariance)} parameters where {count} were estimated"
-        )
+    if content.covariance.size:
+        count = content.camera_model().parameters.count
+        if len(content.covariance) != count:
+            raise ValueError(
+                f"covariance is of {len(content.covariance)} parameters where {count} were"
+                " estimated"
+            )
     _check_views(content)
     return content
+
+
+def _declared(declared: dict[str, Any], target: dict[str, object], path: FilePath) -> Declared:
+    """Return what the session declared, from its section."""
+    sections = {**target, "camera": declared["camera"], "cover": declared["cover"]}
+    _, camera, cover = session_from_mapping(sections, f"{path}: declared")
+    if camera.intrinsics is None:
+        raise ValueError("camera.intrinsics is missing")
+    return Declared(camera.intrinsics, cover, tuple(map(str, declared.get("doubted", ()))))
+
+
+def _views(arrays: dict[str, NDArray[Any]]) -> tuple[View, ...]:
+    """Return the views of the arrays."""
+    blurs = arrays.get("blurs", np.full((*arrays["weights"].shape, 2), math.nan))
+    covariances = arrays.get("point_covariances", [None] * len(arrays["names"]))
+    columns = (arrays[key] for key in ("names", "corners", "weights", "times_s", "pose_ids"))
+    return tuple(
+        View(
+            str(name),
+            corners,
+            weight,
+            None if math.isnan(time_s) else float(time_s),
+            str(pose_id) or None,
+            covariance=covariance,
+            blur=blur if np.isfinite(blur).any() else None,
+        )
+        for name, corners, weight, time_s, pose_id, covariance, blur in zip(
+            *columns, covariances, blurs, strict=True
+        )
+    )
 
 
 def _check_views(content: CalibrationContent) -> None:
