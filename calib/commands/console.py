@@ -24,6 +24,7 @@ from calib.corners.copies import describe_still
 from calib.corners.view import RejectedPicture
 from calib.errors import InputError, brief, harmless
 from calib.fitting.board_turns import describe_turned
+from calib.fitting.corner_outliers import describe_outlier_corners
 from calib.fitting.corner_range import corners_at, distance_range
 from calib.fitting.description import (
     PRINTED_COLUMNS,
@@ -111,7 +112,9 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         f" fit in {seconds:.1f} s."
     )
     looks = describe_redetection(calibration.outcome.redetections or ())
-    view_lines = filter(None, (looks, describe_noisy_views(calibration.outcome.view_noise)))
+    outliers = describe_outlier_corners(calibration.outcome.outlier_corners)
+    noisy_views = describe_noisy_views(calibration.outcome.view_noise)
+    view_lines = filter(None, (looks, outliers, noisy_views))
     reach = filter(None, [undistortion_limit(calibration)])
     uncertainty = calibration.outcome.uncertainty
     for line in (

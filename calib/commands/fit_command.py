@@ -199,6 +199,7 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         "corners": sum(view.count for view in calibration.views),
         "still_boards": describe_still(calibration.views),
         "second_look": record.get("second_look", []),
+        "outlier_corners": record.get("outlier_corners", {}),
         "view_noise": record.get("view_noise", {}),
         "noise_px": calibration.noise_px,
         "seconds": seconds,

@@ -160,6 +160,8 @@ class FitOutcome:
     mixed_settings: tuple[str, ...] = ()
     """Sentences on differences between the pictures that one calibration cannot have."""
     redetections: tuple[Redetection, ...] | None = None
+    outlier_corners: Mapping[str, int] | None = None
+    """The number of corners that were left out of each view, by file; None if there are none."""
     view_noise: Mapping[str, float] | None = None
     """The noise of each noisy view over that of the median view, by file."""
     cross_validation: CrossValidation | None = None

@@ -49,6 +49,7 @@ RECORD: Mapping[str, Shape] = {
     "half_turned_boards": many(text),
     "mixed_settings": many(text),
     "second_look": many(record({"file": text, "found": count, "refused": count, "dropped": count})),
+    "outlier_corners": table(count),
     "view_noise": table(positive),
     "made_by": table(text),
     "cross_validation": record(

@@ -127,6 +127,7 @@ def fit(
         half_turned_boards=repeated.half_turned or None,
         mixed_settings=describe_mixed_settings(session, repeated.picture_names),
         redetections=repeated.redetections,
+        outlier_corners=repeated.outlier_corners or None,
         view_noise=repeated.noise_ratios,
         cross_validation=validation,
         fleet_prior=prior,

@@ -1,7 +1,7 @@
 """A fit that corrects its own views, and is repeated until it changes none of them.
 
-A first fit shows which boards are turned, which views are outliers, and where the corners are that
-the search in the pictures missed. Each correction needs another fit.
+A first fit shows which boards are turned, which corners and views are outliers, and where the
+corners are that the search in the pictures missed. Each correction needs another fit.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.corners.detect_all import refuse_larger_board
 from calib.corners.view import MISFIT, RejectedPicture, View, describe_most, pose_labels
@@ -20,6 +21,7 @@ from calib.estimation.robust import outlier_mask
 from calib.fit_record.outcome import Redetection
 from calib.fit_record.request import Settings
 from calib.fitting.board_turns import RENUMBERED, turn_back
+from calib.fitting.corner_outliers import find_outlier_corners, without_corners
 from calib.fitting.guided_redetection import redetect_corners
 from calib.fitting.half_turns import HalfTurned
 from calib.fitting.inputs import FitInputs, recalibrate_bare
@@ -61,6 +63,8 @@ class RepeatedFit:
     """The views whose boards were turned by half a turn. `views` has them turned back."""
     noise_ratios: dict[str, float] = field(default_factory=dict)
     """The noise of each noisy view over that of the others."""
+    _outlier_masks: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+    """(N,) true for the corners that were removed from each view, by its name."""
     _fitted: Fitted | None = None
     _earlier: Fitted | None = None
     """A fit of the same setup, where the next one starts."""
@@ -79,6 +83,18 @@ class RepeatedFit:
     def observations(self) -> Observations:
         """The corners of the views."""
         return Observations.of(self.views, self.session.board)
+
+    @property
+    def outlier_corners(self) -> dict[str, int]:
+        """The number of corners that are left out of each view, by its name. A removed corner that
+        was measured again in the picture does not count.
+        """
+        absent = {
+            view.name: int((self._outlier_masks[view.name] & ~view.seen).sum())
+            for view in self.views
+            if view.name in self._outlier_masks
+        }
+        return {name: count for name, count in absent.items() if count}
 
     @property
     def picture_names(self) -> tuple[str, ...]:
@@ -101,6 +117,8 @@ class RepeatedFit:
                 continue
             with single_thread():
                 self._turn_half()
+            if self._remove_outlier_corners():
+                continue
             observations = self.observations
             if self._reject_outliers(observations):
                 continue
@@ -177,6 +195,24 @@ class RepeatedFit:
             self.views = half_turns.views
             self._fitted = half_turns.fitted
             self._decide()
+
+    def _remove_outlier_corners(self) -> bool:
+        """Leave out single corners at wrong places. Return True if there are any."""
+        session = self.session
+        masks = find_outlier_corners(
+            self.views, self.fitted.residuals, session.board, session.camera
+        )
+        if not masks.any():
+            return False
+        for view, mask in zip(self.views, masks, strict=True):
+            if mask.any():
+                self._outlier_masks[view.name] = mask | self._outlier_masks.get(view.name, False)
+        self.views = without_corners(self.views, masks)
+        self._purpose = "fewer corners"
+        self._decided = None
+        if self.inputs.is_own:
+            self._recalibrate_bare()
+        return True
 
     def _reject_outliers(self, observations: Observations) -> bool:
         """Leave out the views that the fit does not explain. Return True if there are any.

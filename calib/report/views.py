@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from calib.io.numerals import counted
 from calib.report.corners import relative_errors, shown_corners
 from calib.report.evidence import Evidence
 from calib.report.pictures import data_url, picture_of, read_small
@@ -105,6 +106,8 @@ def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) 
     name = escape(view_corners.name)
     times = (evidence.calibration.outcome.view_noise or {}).get(view_corners.name)
     noisier = f"<br>its noise is {times:.1f} times as large, so it weighs less" if times else ""
+    outliers = (evidence.calibration.outcome.outlier_corners or {}).get(view_corners.name, 0)
+    fewer = f"<br>{counted(outliers, 'corner')} left out, far from their places" if outliers else ""
     size = camera.width, camera.height
     overlay = (
         f'<svg viewBox="0 0 {size[0]} {size[1]}" role="img" aria-label="errors of {name}"><path'
@@ -115,7 +118,7 @@ def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) 
         f'<div class="shot" style="aspect-ratio: {size[0]}/{size[1]}">{image}{overlay}</div><p><i'
         f' class="dot"></i><b>{name}</b> <span class="number">{evidence.rms_by_view[view]:.3f}'
         f" px</span><br><small>{view_corners.count} corners, {distance.mean():.2f} m,"
-        f" tilted&nbsp;{tilt:.0f}°{noisier}</small></p></div>"
+        f" tilted&nbsp;{tilt:.0f}°{noisier}{fewer}</small></p></div>"
     )
 
 

@@ -60,6 +60,7 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
 
     from calib.apply.map_uncertainty import map_sigmas
     from calib.estimation.residuals import residuals
+    from calib.fitting.corner_outliers import describe_outlier_corners
     from calib.fitting.cover_section import cover_section
     from calib.fitting.description import describe
     from calib.fitting.view_noise import describe_noisy_views
@@ -71,6 +72,8 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
     observations = calibration.observations
     path, values = calibration.model()
     medium = calibration.declared.cover.medium
+    outliers = describe_outlier_corners(calibration.outcome.outlier_corners)
+    noisy_views = describe_noisy_views(calibration.outcome.view_noise)
     residual = residuals(path, values, observations, from_numpy(calibration.poses))
     views = [
         {
@@ -96,7 +99,7 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
         ],
         "noise_px": calibration.noise_px,
         "views": sorted(views, key=lambda view: -float(str(view["rms_px"]))),
-        "noisier": describe_noisy_views(calibration.outcome.view_noise),
+        "noisier": " ".join(filter(None, (outliers, noisy_views))),
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "verdict": {"word": verdict.word.value, "sentences": verdict.sentences},
         "notes": verdict.notes,

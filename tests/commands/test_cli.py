@@ -55,7 +55,7 @@ def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> 
         "written",
     }
     calibrated = {"camera", "cover", "board", "calibration"}
-    details = {"still_boards", "second_look", "view_noise", "lens"}
+    details = {"still_boards", "second_look", "outlier_corners", "view_noise", "lens"}
     assert set(document) == contract | calibrated | details
     assert document["frames_used"] == 6
     assert document["frames_rejected"] == []
