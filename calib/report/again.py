@@ -9,7 +9,10 @@ from calib.fit_record.history import History
 from calib.fit_record.record_file import provenance_to_yaml
 from calib.fit_record.request import CommandOptions, FitRequest, Settings
 from calib.report.evidence import Evidence
+from calib.report.setting_words import words_for
 from calib.table import html_table
+
+SETTING_COLUMNS = ("setting", "", "key")
 
 
 def again_html(evidence: Evidence, folder: Path) -> str:
@@ -23,7 +26,7 @@ def again_html(evidence: Evidence, folder: Path) -> str:
         "calibration_sha256": calibration.digest,
     }
     outcome = [
-        (escape(key), f"<code>{escape(value)}</code>")
+        _setting_row(key, {"True": "yes", "False": "no"}.get(value, value))
         for key, value in flat_rows(
             {
                 key: value
@@ -34,19 +37,28 @@ def again_html(evidence: Evidence, folder: Path) -> str:
     ]
     lines = "\n".join(map(pasted, commands(calibration.request, calibration.history, folder)))
     return (
-        f"<pre>{escape(lines)}</pre>"
+        f'<div class="command"><pre>{escape(lines)}</pre></div>'
         + html_table(
-            ("", ""),
-            [(escape(key), f"<code>{escape(str(value))}</code>") for key, value in facts.items()],
+            SETTING_COLUMNS,
+            [_setting_row(key, str(value)) for key, value in facts.items()],
         )
         + "<p>calibration.yaml and calibration.npz hold the corners, the poses and all numbers; the"
         " fit can be repeated from them alone. session_sha256 is the SHA-256 of the text that"
         " <code>sha256sum</code> prints for the session files that the fit read;"
         " calibration_sha256 is the SHA-256 of calibration.npz.</p>"
         + "<details><summary>Settings and outcome, as calibration.yaml has them, rounded</summary>"
-        + html_table(("", ""), outcome)
+        + html_table(SETTING_COLUMNS, outcome)
         + "</details>"
     )
+
+
+def _setting_row(key: str, value: str) -> tuple[str, str, str]:
+    """Return the cells of a row: the key in words, the value, and the key as files have it, unless
+    it is the word.
+    """
+    words = words_for(key)
+    code = "" if key == words else f"<code>{escape(key)}</code>"
+    return escape(words), escape(value), code
 
 
 def flat_rows(value: object, name: str = "") -> Iterator[tuple[str, str]]:

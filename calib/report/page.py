@@ -53,13 +53,14 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection], script
         f' id="{section.name}-title">{escape(section.title)}</h2>{section.html}</section>'
         for section in sections
     )
+    command = escape(pasted(shlex.split(verdict.next)))
     notes = "".join(f"<p>Note: {escape(note)}</p>" for note in verdict.notes)
     header = f"""<p class="over">Calibration report, Refracal {VERSION}</p>
 <h1>{escape(verdict.headline.removesuffix("."))}</h1>
 {tiles_html(summary.tiles)}
 {_reasons_html(verdict)}{notes}
 <ul class="lead">{lead}</ul>
-<p>{verdict.next_label}: <code>{escape(pasted(shlex.split(verdict.next)))}</code></p>
+<p class="command">{verdict.next_label}: <code>{command}</code></p>
 <nav>{contents}</nav>
 <noscript><p>The figures need JavaScript, which this browser does not run. The verdict, the tables
 and the pictures are here without it.</p></noscript>"""

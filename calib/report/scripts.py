@@ -18,8 +18,19 @@ from importlib.resources import files
 from calib.report.payload import Data, to_json
 
 WEB = files("calib.report") / "web"
-REPORT = ("data", "panels", "corners", "charts", "viewer", "space", "scene", "main", "report")
-RIG = ("data", "panels", "corners", "viewer", "space", "scene", "main", "rig")
+REPORT = (
+    "data",
+    "panels",
+    "copy",
+    "corners",
+    "charts",
+    "viewer",
+    "space",
+    "scene",
+    "main",
+    "report",
+)
+RIG = ("data", "panels", "copy", "corners", "viewer", "space", "scene", "main", "rig")
 FLEET = ("data", "panels", "main", "fleet")
 """The files of calib/report/web that draw a page, in the order in which they run."""
 

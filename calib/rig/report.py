@@ -48,7 +48,8 @@ def write_rig_report(rig: Rig, verdict: Verdict, output: FileSet) -> Path:
         f"<h1>{escape(verdict.word.sentence.removesuffix('.'))}</h1>"
         f'<p class="lead">{len(rig.names)} cameras and {len(rig.placements)} placements of the'
         f" board.</p>{f'<ul>{reasons}</ul>' if reasons else ''}"
-        f"<p>{verdict.next_label}: <code>{escape(verdict.next)}</code></p><nav>{contents}</nav>"
+        f'<p class="command">{verdict.next_label}: <code>{escape(verdict.next)}</code></p>'
+        f"<nav>{contents}</nav>"
     )
     style = files("calib.report").joinpath("style.css").read_text(encoding="utf-8")
     text = document(

@@ -25,6 +25,7 @@ from calib.diagnosis.requested_effects import with_requested
 from calib.fit_record.history import DiagnosisRecord, Family
 from calib.fit_record.outcome import Redetection
 from calib.fit_record.request import FitRequest, Provenance
+from calib.fit_record.shapes import RECORD
 from calib.fitting.provenance import record_diagnosis
 from calib.progress import Silent
 from calib.report.comparison import diagnosis_comparison
@@ -32,6 +33,7 @@ from calib.report.effects import EffectRow, effect_rows, effects_html
 from calib.report.evidence import gather_evidence
 from calib.report.page import keep_numbers
 from calib.report.scripts import WEB
+from calib.report.setting_words import words_for
 from calib.report.summary import summarise
 from calib.verdict.judge import judge
 from fixtures.calibrated import with_outcome
@@ -118,8 +120,16 @@ def test_everything_is_in_one_small_file(reported: Reported) -> None:
 def test_the_outcome_is_a_table_and_no_yaml(reported: Reported) -> None:
     details = reported.html.partition("Settings and outcome")[2].partition("</details>")[0]
     assert "<pre>" not in details
-    assert ">relief_prior length_of_patch<" in details
+    assert "<code>relief_prior length_of_patch</code>" in details
+    assert ">length of its waves, in sides of its patch<" in details
     assert "<code>None</code>" not in details
+
+
+def test_every_setting_has_words() -> None:
+    assert {key for key in RECORD if words_for(key) == key} == set()
+    assert words_for("updates 2 finished") == "update 2: time"
+    assert words_for("lens_held_out_px opencv 5") == "held-out error with this lens, px opencv 5"
+    assert words_for("numpy") == "numpy"
 
 
 def test_the_policy_knows_the_scripts_and_nothing_else(reported: Reported) -> None:

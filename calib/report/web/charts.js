@@ -329,29 +329,61 @@ function glassOptions(width, {labels}, frame, marks) {
   return {...chartOptions(width, height, {domain: range(0), label: labels[0]}, {domain: [bottom, top], label: labels[1]}, marks), ...FIELD_SCALES};
 }
 
+const FILLED_ROW = 3; // panels
+const CURVE_STEPS = 60;
+
 function drawSigma(host, packed) {
-  const field = gridOf(packed), variance = numbers(packed.variance), atCorners = numbers(packed.atCorners);
-  for (const first of packed.depths) {
+  const chosen = packed.depths.slice();
+  const redraws = chosen.map((depth, place) => {
     const panelHost = element("div");
     host.append(panelHost);
-    let depth = first, median = 0;
-    const redraw = addPanel(panelHost, {
-      title: () => `at ${digits(depth, 2)} m: ${digits(median, 2)} px, median where board corners were`,
-      label: "standard deviation of the map",
-      options: width => {
-        const sigma = sigmasAt(variance, depth);
-        const sorted = sigma.filter(Number.isFinite).sort((a, b) => a - b), quantile = part => sorted[Math.floor(part * (sorted.length - 1))];
-        const levels = [...new Set([0.25, 0.5, 0.75, 0.95].map(part => Number(quantile(part).toPrecision(1))))];
-        median = medianOf(sigmasAt(atCorners, depth));
-        return pictureOptions(width, [
-          ...fieldMarks(field, sigma, packed.limit, levels), dots(CORNERS, "#808080", 1.4, 0.5), levelLabels(field, sigma, levels),
-          tip(fieldNodes(field, sigma), node => `${digits(node.value)} px\nat ${Math.round(node.x)}, ${Math.round(node.y)} px, ${digits(depth, 2)} m deep`),
-        ], FIELD_SCALES);
-      },
-    });
-    addDepthSlider(panelHost, depth, packed.reach, chosen => { depth = chosen; redraw(); });
-  }
+    const redraw = addSigmaMap(panelHost, packed, () => chosen[place]);
+    addDepthSlider(panelHost, depth, packed.reach, moved => { chosen[place] = moved; redraws.forEach(draw => draw()); });
+    return redraw;
+  });
+  if (chosen.length < FILLED_ROW) redraws.push(addSigmaCurve(host, packed, () => chosen));
   addColourKey(host, "0", `${digits(packed.limit, 2)} px or more`);
+}
+
+/** Add the map of the standard deviation at a depth, which may change. */
+function addSigmaMap(host, packed, depthOf) {
+  const field = gridOf(packed), variance = numbers(packed.variance), atCorners = numbers(packed.atCorners);
+  return addPanel(host, {
+    title: () => `at ${digits(depthOf(), 2)} m: ${digits(medianOf(sigmasAt(atCorners, depthOf())), 2)} px, median where board corners were`,
+    label: "standard deviation of the map",
+    options: width => {
+      const depth = depthOf(), sigma = sigmasAt(variance, depth);
+      const sorted = sigma.filter(Number.isFinite).sort((a, b) => a - b), quantile = part => sorted[Math.floor(part * (sorted.length - 1))];
+      const levels = [...new Set([0.25, 0.5, 0.75, 0.95].map(part => Number(quantile(part).toPrecision(1))))];
+      return pictureOptions(width, [
+        ...fieldMarks(field, sigma, packed.limit, levels), dots(CORNERS, "#808080", 1.4, 0.5), levelLabels(field, sigma, levels),
+        tip(fieldNodes(field, sigma), node => `${digits(node.value)} px\nat ${Math.round(node.x)}, ${Math.round(node.y)} px, ${digits(depth, 2)} m deep`),
+      ], FIELD_SCALES);
+    },
+  });
+}
+
+/** Add the median and the largest standard deviation by depth. Dashes: the depths of the maps beside it. */
+function addSigmaCurve(host, packed, depthsOf) {
+  const variance = numbers(packed.variance), atCorners = numbers(packed.atCorners), [near, far] = packed.reach;
+  const points = Array.from({length: CURVE_STEPS + 1}, (_, step) => {
+    const depth = near * (far / near) ** (step / CURVE_STEPS);
+    return {depth, median: medianOf(sigmasAt(atCorners, depth)), most: Math.max(...sigmasAt(variance, depth).filter(Number.isFinite))};
+  });
+  const highest = 1.05 * Math.max(...points.map(point => point.most)), pad = 0.03 * (far - near) || 0.01;
+  return addPanel(host, {
+    title: `by ${DATA.distanceName}; blue: median over the corners; orange: largest`, label: "standard deviation by depth",
+    options: width => chartOptions(
+      width, pictureOptions(width, []).height, {domain: [near - pad, far + pad], label: `${DATA.distanceName} (m)`},
+      {domain: [0, highest], label: "sigma (px)"},
+      [
+        Libraries.Plot.ruleX(depthsOf(), {stroke: "var(--faint)", strokeDasharray: "5 3"}),
+        Libraries.Plot.line(points, {x: "depth", y: "most", stroke: "var(--series-1)", strokeWidth: 2}),
+        Libraries.Plot.line(points, {x: "depth", y: "median", stroke: "var(--series-0)", strokeWidth: 2}),
+        tip(points, point => `at ${digits(point.depth, 2)} m\nmedian ${digits(point.median, 2)} px\nlargest ${digits(point.most, 2)} px`, "depth", "median", 400),
+      ],
+    ),
+  });
 }
 
 /** Return the standard deviations at a depth in m, from three coefficients of the variance each. */

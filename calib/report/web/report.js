@@ -5,5 +5,6 @@ const FIGURES = {
   distortion: drawDistortion, "by-depth": drawByDepth, glass: drawGlass, "glass-detail": drawGlassDetail, sigma: drawSigma, coverage: drawCoverage,
 };
 
+addCopyButtons();
 wireViews();
 drawPage((host, data, name) => FIGURES[name](host, data));

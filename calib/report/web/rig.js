@@ -2,4 +2,5 @@
 
 const FIGURES = {scene: drawScene};
 
+addCopyButtons();
 drawPage((host, data, name) => FIGURES[name](host, data));

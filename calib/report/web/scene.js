@@ -4,6 +4,7 @@ const BOARD_OPACITY = 0.3, POINTED_OPACITY = 0.8, OTHER_OPACITY = 0.1; // of fac
 const SIGHT_COLOUR = "--series-2"; // of the border of what a camera sees
 const NAME_LETTER = 8, NAME_HEIGHT = 16, NAME_GAP = 8; // px of a camera's name
 const TICK_STEPS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50], MAX_TICKS = 6, TICK_PART = 0.08; // m; of the optical axis
+const FIT_MARGIN = 0.08; // of half the picture, free beside the points that are shown
 const THREE_WORDS = "This browser draws no 3D (it has no WebGL).";
 
 function drawScene(host, packed) {
@@ -46,16 +47,14 @@ function drawScene(host, packed) {
   const controls = new three.OrbitControls(camera, canvas);
   controls.enableZoom = false; // until a click, so that the wheel scrolls the page
   canvas.style.touchAction = "pan-y";
-  const far = packed.reach[1], sight = boundingSphere(three, boards);
   const glass = packed.surfaces.flatMap(surface => Array.from(numbers(surface).filter(Number.isFinite), Math.abs));
-  const size = Math.min(3 * (glass.length ? glass.reduce((a, b) => Math.max(a, b)) : 0.05), far);
-  camera.aspect = box.clientWidth / box.clientHeight;
-  const center = sight.center.toArray(), away = 1.9 * Math.max(1, 1.5 / camera.aspect) * sight.radius;
-  const from = (direction, times = 1) => [center.map((place, axis) => place + times * away * direction[axis]), center];
+  const size = Math.min(3 * (glass.length ? glass.reduce((a, b) => Math.max(a, b)) : 0.05), packed.reach[1]);
+  const shown = scenePoints(three, boards, packed);
+  const from = (...direction) => () => fittingPlace(three, camera, shown, new three.Vector3(...direction).normalize());
   const places = {
-    whole: from([-0.55, 0.4, 0.75]),
-    ...packed.surfaces.length ? {cover: [[-0.9 * size, 0.7 * size, 0.9 * size], [0, 0, 0]]} : {},
-    "from above": from([0, 1, 1e-3], 1.6), "from the side": from([-1, 0, 0], 1.2),
+    whole: from(-0.8, 0.4, 0.5),
+    ...packed.surfaces.length ? {cover: () => [[-0.9 * size, 0.7 * size, 0.9 * size], [0, 0, 0]]} : {},
+    "from above": from(-1e-3, 1, 0), "from the side": from(-1, 0, 0),
   };
   const render = () => {
     renderer.render(scene, camera);
@@ -70,7 +69,7 @@ function drawScene(host, packed) {
   for (const [name, place] of Object.entries(places)) {
     const button = element("button", "", name);
     button.type = "button";
-    button.addEventListener("click", () => goTo(place));
+    button.addEventListener("click", () => goTo(place()));
     buttons.append(button);
   }
   controls.addEventListener("change", render);
@@ -119,19 +118,41 @@ function drawScene(host, packed) {
     look(event);
     if (pointed !== null && !packed.others) openView(pointed);
   });
-  goTo(places.whole);
+  camera.aspect = box.clientWidth / box.clientHeight;
+  goTo(places.whole());
   addLegend(host, packed);
   addColourKey(host, `error of a board: ${digits(packed.errors[0], 2)} px`, `${digits(packed.errors[1], 2)} px or more`, `${errorColour(0)}, ${errorColour(0.5)}`, errorColour(1));
   box.camera = camera; // for whoever looks at the page with a program
 }
 
-/** Return a sphere around the camera and the boards, in the frame of the scene. */
-function boundingSphere(three, boards) {
-  const points = boards.flatMap(board => {
+/** Return the points that a place to look from shows, in the frame of the scene: the corners of the boards, the cameras and the cover. */
+function scenePoints(three, boards, packed) {
+  const corners = boards.flatMap(board => {
     const place = board.geometry.attributes.position;
     return Array.from({length: place.count}, (_, corner) => new three.Vector3(place.getX(corner), -place.getY(corner), -place.getZ(corner)));
   });
-  return new three.Sphere().setFromPoints([...points, new three.Vector3()]);
+  const cameras = (packed.others ?? []).map(({pose}) => new three.Vector3(pose[3], -pose[7], -pose[11]));
+  const glass = packed.surfaces.flatMap(surface => rows({...surface, shape: [surface.shape[0] * surface.shape[1], 3]}))
+    .filter(place => place.every(Number.isFinite)).map(([x, y, z]) => new three.Vector3(x, -y, -z));
+  return [...corners, new three.Vector3(), ...cameras, ...glass];
+}
+
+/**
+ * Return where the camera stands, and the point that it looks at, so that some points just fit into its picture.
+ *
+ * direction: from the points to the camera. The camera's sides are planes: each touches the point that lies farthest out.
+ */
+function fittingPlace(three, camera, points, direction) {
+  const right = new three.Vector3(0, 1, 0).cross(direction).normalize(), up = direction.clone().cross(right);
+  const tall = Math.tan(camera.fov / 2 * Math.PI / 180) * (1 - FIT_MARGIN), wide = tall * camera.aspect;
+  const reach = (axis, slope) => Math.max(...points.map(point => point.dot(axis) + slope * point.dot(direction)));
+  const [rightmost, leftmost] = [right, right.clone().negate()].map(axis => reach(axis, wide));
+  const [highest, lowest] = [up, up.clone().negate()].map(axis => reach(axis, tall));
+  const away = Math.max((rightmost + leftmost) / (2 * wide), (highest + lowest) / (2 * tall));
+  const depth = points.reduce((sum, point) => sum + point.dot(direction), 0) / points.length; // it turns about their middle
+  const at = length => right.clone().multiplyScalar((rightmost - leftmost) / 2)
+    .addScaledVector(up, (highest - lowest) / 2).addScaledVector(direction, length).toArray();
+  return [at(away), at(depth)];
 }
 
 /** Add a quadrilateral for every board, with lines through its corners, and return them. */
