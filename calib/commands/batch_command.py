@@ -18,7 +18,7 @@ For each camera, calib batch fits the session, checks it against the camera's pr
 if the verdict asks for that, and exports it.
 
 MANIFEST is a CSV or YAML file that lists cameras (id and session; optionally serial, prior,
-fixture, date and limits), or a list of sessions such as 'sessions/*'. FLEET gets fleet.html, which
+fixture, date and limits), or a list of sessions such as 'sessions/*'. DIR gets fleet.html, which
 shows which cameras stand out and why, fleet.csv, and a folder and a JSON file for each camera in
 cameras/.
 
@@ -30,6 +30,17 @@ EXAMPLES = (
     "calib batch 'sessions/*' -o fleet",
     "calib batch cameras.csv --depth 1 --format opencv -o fleet",
 )
+COMMON = {
+    "MANIFEST": "a CSV or YAML of cameras, or sessions",
+    "-o": "folder for the fleet's results",
+    "--depth": "distances of the scene that maps are for",
+    "--format": "export the cameras: calib export --help",
+    "--workers": "how many cameras at a time",
+    "--memory": "memory of each worker, such as 4GB",
+    "--scheduler": "a Dask cluster, such as tls://head:8786",
+    "--jobqueue": "slurm, pbs, sge, lsf, oar, moab, htcondor",
+    "--json": "print one JSON object",
+}
 
 FOLDS = 4
 """The default of --folds: cameras are compared by their held-out errors."""
@@ -88,6 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="memory that each worker may take, such as 4GB",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.usage = "%(prog)s MANIFEST ... -o DIR [options]"
 
 
 def run(args: argparse.Namespace) -> None:

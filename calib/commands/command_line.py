@@ -50,7 +50,8 @@ def run_command(
             help lists them in this order. A command has the name of its module, without
             `_command` and with dashes. It may have EXAMPLES, command lines for its help, QUIET, the
             help of its --quiet, and COMMON, the options that its --help explains, with short
-            explanations: --help-all explains all of them.
+            explanations: --help-all explains all of them. `common_epilog()` returns the last lines
+            of that --help.
         argv: the arguments; None for those of this process.
         groups: the same commands in groups, for the help of a program that has many. The commands
             then take --quiet.
@@ -154,6 +155,7 @@ def _parser(
     choices = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in commands:
         examples = "\n".join(["Examples:", *(f"  {line}" for line in examples_of(command))])
+        common_epilog = getattr(command, "common_epilog", str)
         texts = [command.SUMMARY, command.DESCRIPTION.strip(), examples]
         subparser = choices.add_parser(
             command_name(command),
@@ -162,6 +164,7 @@ def _parser(
             formatter_class=Help,
             example=next(iter(examples_of(command)), ""),
             common=getattr(command, "COMMON", None),
+            common_epilog=common_epilog(),
         )
         command.add_arguments(subparser)
         if groups:

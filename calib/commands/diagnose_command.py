@@ -1,11 +1,13 @@
 """The command `calib diagnose`."""
 
 import argparse
+import textwrap
 from pathlib import Path
 
 from calib.commands.arguments import add_output, add_overwrite, calibration_files, folder_of
-from calib.commands.effect_names import effects_help
+from calib.commands.effect_names import effects_help, registered_names
 from calib.commands.loading import fast_imports
+from calib.commands.parser import HELP_ALL
 
 SUMMARY = (
     "Find effects that a calibration's model lacks, and add those that held-out views confirm."
@@ -19,6 +21,14 @@ EXAMPLES = (
     "calib diagnose cam0/calibration",
     "calib diagnose cam0/calibration --holdout holdout -o better",
 )
+COMMON = {
+    "CALIBRATION": "calibration.yaml, or its folder",
+    "--holdout": "views that were not fitted, to measure with",
+    "-o": "folder for the result: CALIBRATION/diagnosed",
+    "--json": "print one JSON object",
+    "--quiet": "print the files and the verdict alone",
+    "--overwrite": "replace files that calib did not write",
+}
 QUIET = "print the files and the verdict: no progress, no remarks and no tables"
 
 
@@ -39,7 +49,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.usage = "%(prog)s CALIBRATION [options]"
     parser.epilog = effects_help()
+
+
+def common_epilog() -> str:
+    """Return the names of the effects in a few lines."""
+    names = ", ".join(registered_names())
+    lines = textwrap.wrap(names, 76, break_on_hyphens=False, break_long_words=False)
+    return "\n  ".join([f"effects that it looks for, which {HELP_ALL} describes:", *lines])
 
 
 def run(args: argparse.Namespace) -> None:

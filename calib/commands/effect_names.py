@@ -18,7 +18,7 @@ def effects_help() -> str:
 
 def effect_names_help() -> str:
     """Return the effects' names alone, and the command whose help describes them."""
-    return f"effects: {', '.join(registered_names())}. `calib diagnose --help` describes them."
+    return f"effects: {', '.join(registered_names())}. `calib diagnose --help-all` describes them."
 
 
 def registered_names() -> Iterator[str]:

@@ -1,7 +1,7 @@
 """The command `calib export`."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +30,14 @@ EXAMPLES = (
     "calib export cam0/calibration --format opencv --depth 1 -o maps",
     "calib export cam0/calibration --format npz --depth 0.5 1 2 -o maps",
 )
+COMMON = {
+    "CALIBRATION": "calibration.yaml, or its folder",
+    "--format": "one of the formats below",
+    "--depth": "distances of the scene that maps are for",
+    "-o": "folder for the files",
+    "--lens": "distortion model of a central camera",
+    "--axes": "axes of a ray image",
+}
 
 MAX_NAMES = 3
 """The number of old files that a message names: people do not read a longer list."""
@@ -70,10 +78,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_output(parser, "folder for the files", required=True)
     add_overwrite(parser)
+    parser.usage = "%(prog)s CALIBRATION --format FORMAT -o DIR [options]"
+    parser.epilog = _formats_help({form.name: form.summary for form in FORMATS})
+
+
+def common_epilog() -> str:
+    """Return a line for each format."""
+    return _formats_help({form.name: form.brief or form.summary for form in FORMATS})
+
+
+def _formats_help(summaries: Mapping[str, str]) -> str:
     kinds = (("maps", lambda form: not form.lenses), ("central cameras", lambda form: form.lenses))
-    parser.epilog = "\n".join(
+    return "\n".join(
         f"{title}:\n"
-        + "\n".join(f"  {form.name:<13}{form.summary}" for form in FORMATS if belongs(form))
+        + "\n".join(f"  {f.name:<14}{summaries[f.name]}" for f in FORMATS if belongs(f))
         for title, belongs in kinds
     )
 

@@ -85,18 +85,22 @@ class Parser(argparse.ArgumentParser):
         *args: Any,
         example: str = "",
         common: Mapping[str, str] | None = None,
+        common_epilog: str = "",
         **settings: Any,
     ) -> None:
         """Options are written in full: a misspelt one must not pass for the start of another.
 
         Args:
             example: a whole command, for the message on arguments that are missing.
-            common: the options that --help explains, each with a short explanation. --help names
-                the others, and --help-all explains all of them. None if --help explains all.
+            common: the options that --help explains, each with a short explanation, and the
+                metavars of arguments. --help names the other options, and --help-all explains all
+                of them. None if --help explains all.
+            common_epilog: the last lines of --help, if `common` is given.
         """
         super().__init__(*args, **{"allow_abbrev": False, **settings})
         self._example = example
         self._common = common
+        self._common_epilog = common_epilog
         if common:
             self.add_argument(HELP_ALL, action=_HelpAll, help="explain every option, and exit")
 
@@ -107,10 +111,14 @@ class Parser(argparse.ArgumentParser):
         formatter = Help(self.prog, max_help_position=OPTION_WIDTH)
         formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
         formatter.add_text(self.description)
+        arguments = [a for a in self._positionals._group_actions if not _is_option(a)]
+        formatter.start_section("arguments")
+        formatter.add_arguments(list(filter(None, map(self._shortened, arguments))))
+        formatter.end_section()
         explained: list[argparse.Action] = []
         rare: list[str] = []
         for group in self._action_groups:
-            options = [action for action in group._group_actions if action.option_strings]
+            options = list(filter(_is_option, group._group_actions))
             short = [self._shortened(action) for action in options]
             explained += filter(None, short)
             names = [
@@ -120,10 +128,12 @@ class Parser(argparse.ArgumentParser):
             ]
             if names:
                 rare.append(f"  {group.title}:  {' '.join(names)}")
-        formatter.start_section("common options")
+        formatter.start_section("common options" if rare else "options")
         formatter.add_arguments(explained)
         formatter.end_section()
-        formatter.add_text("\n".join([f"more options, which {HELP_ALL} explains:", *rare]))
+        if rare:
+            formatter.add_text("\n".join([f"more options, which {HELP_ALL} explains:", *rare]))
+        formatter.add_text(self._common_epilog)
         return formatter.format_help()
 
     def format_full_help(self) -> str:
@@ -131,12 +141,12 @@ class Parser(argparse.ArgumentParser):
         return super().format_help()
 
     def _shortened(self, action: argparse.Action) -> argparse.Action | None:
-        """Return a common option with its short explanation; None for every other option."""
+        """Return an argument or common option with its short explanation; None for any other."""
         short = HELP_OPTIONS | dict(self._common or {})
-        for option in action.option_strings:
+        for option in action.option_strings or [str(action.metavar)]:
             if option in short:
                 shown = copy.copy(action)
-                shown.option_strings = [option]
+                shown.option_strings = [option] if action.option_strings else []
                 shown.help = short[option]
                 shown.metavar = action.metavar or (action.dest.upper() if action.choices else None)
                 return shown
@@ -264,6 +274,10 @@ class Parser(argparse.ArgumentParser):
             action,
             f"invalid choice {brief(repr(value))}{hint} Choose from {', '.join(choices)}",
         )
+
+
+def _is_option(action: argparse.Action) -> bool:
+    return bool(action.option_strings)
 
 
 class _HelpAll(argparse._HelpAction):

@@ -27,8 +27,8 @@ and so does the reader of a pipe that closes it. With --json the last line is on
 or on stderr if stdout has the pictures.
 """
 EXAMPLES = (
-    "calib stream cam0/calibration --source rpicam:0 --depth 0.5 --to http",
-    "calib stream cam0/calibration --source v4l2:/dev/video0 --depth 0.5 --to v4l2:/dev/video9",
+    "calib stream out --source rpicam:0 --depth 0.5 --to http",
+    "calib stream out --source v4l2:/dev/video0 --depth 0.5 --to v4l2:/dev/video9",
 )
 
 
@@ -82,6 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of --to http: the address to serve on (default: %(default)s, this machine alone)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
+    parser.usage = "%(prog)s CALIBRATION --source SOURCE --depth M --to TARGET [options]"
 
 
 def run(args: argparse.Namespace) -> None:

@@ -164,7 +164,7 @@ FORMATS: tuple[Format, ...] = (
         "windshield",
         "the windshield model of NVIDIA NCore and gsplat",
         WINDSHIELD,
-        brief="of NVIDIA NCore and gsplat",
+        brief="the model of NVIDIA NCore and gsplat",
         files=("windshield_{depth}m.json",),
     ),
     Format(
@@ -231,6 +231,7 @@ FORMATS: tuple[Format, ...] = (
         "stmap-exr",
         "stmap",
         "the same as OpenEXR",
+        brief="as stmap, with OpenEXR files",
         needs="OpenEXR",
         lacking=(
             f"OpenEXR is not installed: {how_to_install('exr')}, or use --format stmap, which"

@@ -19,6 +19,18 @@ EXAMPLES = (
     "capture record cam0 --source v4l2:/dev/video0 --board 9x6 --square-mm 25",
     "capture record cam0 --source film.mp4 --board 9x6 --square-mm 25",
 )
+COMMON = {
+    "SESSION": "the session folder, which is made if need be",
+    "--source": "the camera; capture sources lists them",
+    "--board": "the board's inner corners, such as 9x6",
+    "--square-mm": "side of a square",
+    "--type": "checkerboard, charuco, aprilgrid, gridboard",
+    "--cover-from": "a session.yaml with the same cover and camera",
+    "--bare": "the cover is off: record into bare/",
+    "--views": "views to keep, then end (default: 30)",
+    "--all": "keep every frame, whatever is in it",
+    "--json": "print one JSON object at the end",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,6 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep every frame, whatever is in it; of a rig, every moment",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
+    parser.usage = "%(prog)s SESSION --source SOURCE [options]"
 
 
 def run(args: argparse.Namespace) -> None:

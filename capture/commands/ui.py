@@ -28,6 +28,17 @@ own screen is the target, in place of a board.
 Several cameras, each as --source NAME=SOURCE, are recorded together: SESSION is then the folder of
 the rig, and the board of a new one is described by --board, --square-mm and --type.
 """
+COMMON = {
+    "SESSION": "the session folder, which is made if need be",
+    "--source": "the camera; capture sources lists them",
+    "--serve": "in a browser instead of this terminal",
+    "--host": "with --serve: 0.0.0.0 is for other machines",
+    "--port": "with --serve: the port (default: 8000)",
+    "--board": "of a new rig: inner corners, such as 9x6",
+    "--square-mm": "of a new rig: side of a square",
+    "--cover-from": "a session.yaml with the same cover and camera",
+    "--screen": "a screen is the target, in place of a board",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -77,6 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " cameras of a rig, or NAME=FILE for each camera",
     )
     add_screen(parser)
+    parser.usage = "%(prog)s SESSION [options]"
 
 
 def run(args: argparse.Namespace) -> None:

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -11,11 +12,16 @@ from calib import cli
 from calib.cli import main
 from calib.commands import fit_command, init_command
 from calib.commands.command_line import _parser
+from calib.commands.effect_names import registered_names
 from calib.commands.parser import command_name, examples_of
 from calib.commands.verdict_lines import print_verdict
+from calib.export.formats import FORMATS
 from calib.verdict.verdict import Reason, Trust, Verdict
+from capture.cli import COMMANDS as CAPTURE_COMMANDS
 from capture.cli import main as capture_main
 
+LINES = 50
+"""The lines of a help that fit on a screen."""
 PARSER = _parser("calib", "", cli.COMMANDS, cli.GROUPS)
 
 
@@ -47,7 +53,7 @@ def test_the_help_explains_the_common_options_and_names_the_others(
         assert ended.value.code == 0
         texts.append(capsys.readouterr().out)
     short, full = texts
-    assert len(short.splitlines()) <= 50
+    assert len(short.splitlines()) <= LINES
     assert max(map(len, short.splitlines())) <= 80
     options = set(re.findall(r"^  (?:-\w(?: \S+)?, )?(--[a-z-]+)", full, re.MULTILINE))
     named = set(re.findall(r"(?<![\w-])(--[a-z-]+)", short)) | {"--output"}
@@ -55,6 +61,39 @@ def test_the_help_explains_the_common_options_and_names_the_others(
     assert options <= named
     for option, text in command.COMMON.items():
         assert re.search(rf"^  {option} .*  {re.escape(text)}$", short, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("program", "command"),
+    [
+        *((main, command) for command in cli.COMMANDS),
+        *((capture_main, command) for command in CAPTURE_COMMANDS),
+    ],
+    ids=lambda value: command_name(value) if isinstance(value, ModuleType) else "",
+)
+def test_a_help_fits_on_a_screen(
+    program: Callable[[list[str]], int],
+    command: ModuleType,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        program([command_name(command), "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= LINES
+    assert max(map(len, lines)) <= 80
+
+
+def test_the_short_help_names_every_effect_and_every_format(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for command, names in (
+        ("diagnose", tuple(registered_names())),
+        ("export", tuple(form.name for form in FORMATS)),
+    ):
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        text = capsys.readouterr().out
+        assert [name for name in names if not re.search(rf"\W{name}\b", text)] == []
 
 
 def test_help_is_a_command(capsys: pytest.CaptureFixture[str]) -> None:

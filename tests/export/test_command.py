@@ -64,7 +64,7 @@ def test_every_format_of_the_help_writes_its_files(
 
 def test_the_help_lists_every_format(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        main(["export", "--help"])
+        main(["export", "--help-all"])
     text = " ".join(capsys.readouterr().out.split())
     for form in FORMATS:
         assert f" {form.name} {form.summary} " in f"{text} "

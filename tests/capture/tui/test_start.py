@@ -72,7 +72,7 @@ def test_a_missing_extra_is_named(
 ) -> None:
     monkeypatch.setattr("capture.commands.ui.find_spec", lambda _: installed or None)
     with pytest.raises(SystemExit):
-        main(["ui", "--help"])
+        main(["ui", "--help-all"])
     text = " ".join(capsys.readouterr().out.split())
     assert "in a browser instead of this terminal" in text
     assert ("first install what it names" in text) is not installed
