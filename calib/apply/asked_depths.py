@@ -54,9 +54,8 @@ def describe_depths(calibration: Calibration, depths: Iterable[float]) -> Iterat
         hidden = field.hidden_fraction(depth)
         if hidden > NOTABLE:
             yield (
-                f"At {depth:g} m, {100 * hidden:.0f} % of the picture look into the cover and"
-                " nothing is there to see: these pixels are black. Depth is in metres, from the"
-                " lens."
+                f"At {depth:g} m, {100 * hidden:.0f} % of the picture lies inside the cover: these"
+                " pixels are black. Depth is in metres, from the lens."
             )
 
 

@@ -173,13 +173,14 @@ NEGLIGIBLE = 5e-5
 
 def _misfit_words(model: "CentralModel") -> str:
     """Return a sentence on the model's misfit at its depth, and at half and double of it."""
-    misfits = model.misfits
-    rms = " / ".join(_brief_px(misfit.rms_px, 3) for misfit in misfits)
-    worst = " / ".join(_brief_px(misfit.worst_px, 2) for misfit in misfits)
-    depths = " / ".join(f"{misfit.depth:g}" for misfit in misfits)
+    errors = ", ".join(
+        f"{_brief_px(misfit.rms_px, 3)} px RMS (at most {_brief_px(misfit.worst_px, 2)} px) at"
+        f" {misfit.depth:g} m"
+        for misfit in model.misfits
+    )
     lens = model.lens.name
     words = f"{lens} coefficients" if lens.isdigit() else f"the lens {lens}"
-    return f"off by {rms} px RMS ({worst} px at worst) at {depths} m, with {words}."
+    return f"with {words}, it is off by {errors}."
 
 
 def _brief_px(value: float, digits: int) -> str:

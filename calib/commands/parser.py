@@ -159,10 +159,17 @@ class Parser(argparse.ArgumentParser):
         surplus = message.removeprefix(SURPLUS)
         if surplus != message and all(map(NUMBER.fullmatch, surplus.split())):
             message = f"{surplus} is too much: the option in front of it takes one number"
+        if message.startswith(MISSING[0]) and (actions := self._action_names()):
+            message += f", one of {', '.join(actions)}"
         if message.startswith(MISSING) and self._example:
             message += f". A whole command is: {self._example}"
         print_error(self.prog, with_choices_below(message))
         self.exit(2, f"see {self.prog} --help\n")
+
+    def _action_names(self) -> list[str]:
+        """Return the names of the command's own commands, such as those of calib rig."""
+        kinds = [a for a in self._actions if isinstance(a, argparse._SubParsersAction)]
+        return [name for kind in kinds for name in kind.choices]
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None

@@ -59,7 +59,7 @@ LEVELS = ("*", "*/*", "*/*/*")
 """The levels below a folder without pictures where they are looked for: cards of cameras have
 DCIM/100CANON, data sets cam0/data.
 """
-MAX_INNER = 8
+MAX_INNER = 3
 """Folders that a message lists."""
 MIN_PICTURES = 3
 """Pictures that make a camera of their EXIF: one or two among many are strays."""
@@ -215,9 +215,7 @@ def _find_advice(folder: Path) -> str:
     )
     inner = next(filter(None, levels), [])
     if inner and not (folder / RIG).is_file():
-        names = ", ".join(str(path) for path in inner[:MAX_INNER])
-        command = f"calib fit {shell_path(inner[0])} {EXAMPLE}"
-        return f"give a folder with the pictures of one camera ({names}), such as {command}"
+        return _inner_advice(folder, inner)
     if (folder / RIG).is_file():
         return f"it is a rig, which calib rig fit {shell_path(folder)} calibrates."
     convertible = [p for p in list_unread(folder) if p.suffix.lower() in CONVERTIBLE]
@@ -225,6 +223,20 @@ def _find_advice(folder: Path) -> str:
         files = f"{shell_path(folder)}/*{convertible[0].suffix}"
         return f"convert them, such as by mogrify -format png {files} (of ImageMagick)."
     return f"record some by capture {shell_path(folder)}, or put {TYPES} files there."
+
+
+def _inner_advice(folder: Path, inner: Sequence[Path]) -> str:
+    """Return what to do about a folder whose inner folders have pictures: a command with the
+    first, which may be a session, and the names of some.
+    """
+    names = ", ".join(str(path.relative_to(folder)) for path in inner[:MAX_INNER])
+    count = len(inner) - MAX_INNER
+    further = f" and {count} more" if count > 0 else ""
+    first = inner[0]
+    command = f"calib fit {shell_path(first)} {EXAMPLE}"
+    if first.name in ("frames", "bare") and (first.parent / DESCRIPTION).is_file():
+        command = f"calib fit {shell_path(first.parent)}"
+    return f"give a folder with the pictures of one camera ({names}{further}), such as {command}"
 
 
 def _holds_pictures(path: Path, folder: Path) -> bool:

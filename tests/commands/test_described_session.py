@@ -400,12 +400,13 @@ def test_pictures_in_a_folder_that_cannot_be_written_become_a_session_of_the_out
     ("words", "says"),
     [
         (["nowhere"], "nowhere is not a folder, a picture or a video that exists"),
-        (["data"], "(data/cam0/data), such as calib fit data/cam0/data --board 9x6"),
+        (["data"], "(cam0/data), such as calib fit data/cam0/data --board 9x6"),
         (["/dev/video0"], "record some by capture SESSION --source v4l2:/dev/video0"),
         (["made/session.yaml"], "describes a session: calib fit made calibrates it"),
         (["empty"], "has no session.yaml and no pictures: record some by capture empty"),
         (["phone"], "IMG_1.HEIC: convert them, such as by mogrify -format png phone/*.HEIC"),
-        (["card"], "(card/100, card/101), such as calib fit card/100 --board 9x6 --square-mm 25"),
+        (["card"], "(100, 101), such as calib fit card/100 --board 9x6 --square-mm 25"),
+        (["several"], "(a/frames, b/0, c/0 and 1 more), such as calib fit several/a"),
         (["none/*.jpg"], "No picture matches none/*.jpg"),
         (
             ["https://a.org/film.mp4"],
@@ -450,6 +451,9 @@ def test_a_refusal_names_what_would_do(
     Path("phone/IMG_1.HEIC").touch()
     for folder in ("card/100", "card/101", "data/cam0/data", "data/.trash/data"):
         shutil.copytree(photos, folder)
+    for folder in ("several/a/frames", *(f"several/{name}/0" for name in "bcd")):
+        shutil.copytree(photos, folder)
+    Path("several/a/session.yaml").touch()
     Path("films").mkdir()
     Path("films/a.mp4").touch()
     for name in ("text.txt", "text.avi"):

@@ -188,6 +188,23 @@ def test_a_mistyped_word_gets_what_was_meant(
     assert re.fullmatch(r"see calib( \w+)* --help\n", hint)
 
 
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        ("rig", "required: ACTION, one of fit, evaluate, check,"),
+        ("import", "required: SOURCE, one of mrcal,"),
+        ("fit", "required: SESSION. A whole command is"),
+    ],
+)
+def test_a_command_without_its_words_names_them(
+    command: str, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([command])
+    assert ended.value.code == 2
+    assert says in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("words", ["--quiet", "--board=9x6", "-q"])
 def test_an_option_is_written_in_full_or_by_its_letter(words: str) -> None:
     args = PARSER.parse_args(["fit", "s", words])
