@@ -140,5 +140,11 @@ def test_the_lenses_of_opencv_leave_what_the_readme_says(world: Path) -> None:
     assert row
     assert float(row[1]) == pytest.approx(unmeasured.stages[-1].rms_px, abs=1e-3)
     assert float(row[2]) == pytest.approx(demo_error_nearby(unmeasured), abs=0.02)
-    assert f'told only "window, water", 0.014 ({row[2]} nearer' in words
+    assert 'Refracal, told only "window, water", 0.014 px' in words
+    near = re.search(r"Nearer: OpenCV ([\d.]+) and ([\d.]+) px, Refracal ([\d.]+)\. ", words)
+    assert near
+    for printed_px, count in zip(near.groups()[:2], FLAGS, strict=True):
+        error = opencv_error_nearby(calibration, count)
+        assert float(printed_px) == pytest.approx(error, abs=0.02)
+    assert near[3] == row[2]
     assert f"noise | {calibration.noise_px:.3f} |" in section

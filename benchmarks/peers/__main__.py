@@ -43,6 +43,7 @@ PEERS = (
     ("mrcal splined 8x7", "mrcal", SPLINED.format(8, 7)),
     ("mrcal splined 10x8", "mrcal", SPLINED.format(10, 8)),
     (OUR_COMMAND, "calib_fit", ""),
+    ("refracal calib fit, told only a cone", "calib_fit", "shape"),
     ("mrcal OPENCV8, whole command", "mrcal", "command OPENCV8"),
     ("mrcal splined 10x8, whole command", "mrcal", f"command {SPLINED.format(10, 8)}"),
 )

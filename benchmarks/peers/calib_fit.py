@@ -1,5 +1,5 @@
 """The project itself as a person runs it: `calib fit SESSION -o OUT` on a session of corners, all
-by default, with its report.
+by default, with its report. It is told the lens and the smooth cover, or nothing but "a cone".
 """
 
 import sys
@@ -19,14 +19,20 @@ from calib.session.camera import Camera
 from calib.session.session import session_to_yaml
 from fixtures.synthetic import INTRINSICS, paper_cone
 
+SHAPE = "shape"
+"""The word for a session that names the cover's shape, and none of its numbers nor the lens."""
 
-def fit(case: Case, _: str) -> Fitted:
+
+def fit(case: Case, which: str) -> Fitted:
     with tempfile.TemporaryDirectory() as folder:
         session, out = Path(folder, "session"), Path(folder, "out")
         session.mkdir()
         setup = session_to_yaml(
             BOARD, Camera(*case.size, intrinsics=INTRINSICS), paper_cone(case.thickness)
         )
+        if which == SHAPE:
+            width, height = case.size
+            setup |= {"camera": {"width": width, "height": height}, "cover": {"shape": "cone"}}
         (session / "session.yaml").write_text(
             yaml.safe_dump({"format": 1, **setup, "corners": "corners.vnl"})
         )
