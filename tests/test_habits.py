@@ -22,7 +22,7 @@ def test_the_hooks_are_the_checks() -> None:
 
 def test_github_runs_the_test_command_of_the_readme() -> None:
     command = re.search(
-        r"Run the checks .*?```\n(.*?)\n```",
+        r"Checks:.*?```\n(.*?)\n```",
         (ROOT / "README.md").read_text(encoding="utf-8"),
         re.DOTALL,
     )

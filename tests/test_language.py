@@ -24,7 +24,9 @@ MAX_NAN_ARGUMENTS = 2
 large.
 """
 
-PROTOCOL_NAMES = frozenset(("add_arguments", "export", "inventory", "main", "open_source", "run"))
+PROTOCOL_NAMES = frozenset(
+    ("add_arguments", "common_epilog", "export", "inventory", "main", "open_source", "run")
+)
 """Functions that each module of a registry has: commands, export formats, sources of frames."""
 
 NAME_WORDS = """

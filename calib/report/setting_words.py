@@ -79,7 +79,7 @@ def words_for(name: str) -> str:
     """
     path, *keys = name.split(" ")
     number = ""
-    names = []
+    names: list[str] = []
     for key in keys:
         if f"{path} {key}" in WORDS:
             path = f"{path} {key}"
