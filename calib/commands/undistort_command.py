@@ -155,6 +155,7 @@ def _straighten_files(
 ) -> Straightened:
     from calib.apply.undistort_files import UndistortOptions, undistort_files
     from calib.errors import InputError
+    from calib.io.folder_lock import hold_folder
     from calib.io.images import SUFFIXES
     from calib.io.output_folder import OutputFolder
 
@@ -174,7 +175,9 @@ def _straighten_files(
     output = OutputFolder(
         args.output, overwrite=args.overwrite, inputs=calibration_files(args.calibration)
     )
-    done = undistort_files(calibration, args.images, wanted, output, progress)
+    # what another process writes during the wait is not replaced: `output` does not list it
+    with hold_folder(args.output, lambda: print_remark(_waiting(args.output))):
+        done = undistort_files(calibration, args.images, wanted, output, progress)
     for sentence in done.damaged:
         print_remark(f"left out: {sentence}")
     remark = ""
@@ -186,6 +189,10 @@ def _straighten_files(
             " --crop 0 cuts it off, and enlarges the rest."
         )
     return Straightened(done.paths, done.cut_off, remark)
+
+
+def _waiting(folder: Path) -> str:
+    return f"another calib writes to {folder}: this one waits until it has ended. Ctrl-C stops it."
 
 
 def _percent(fraction: float) -> str:

@@ -29,8 +29,9 @@ from calib.fleet.manifest import Entry
 from calib.fleet.numbers import USUAL_DEPTH, fleet_numbers, prior_shifts
 from calib.fleet.places import at_hand, is_remote
 from calib.fleet.result import CAMERAS, JobState, Result, read_result, result_name
-from calib.io.file_set import BusyError, FileSet, remove_set
+from calib.io.file_set import FileSet, remove_set
 from calib.io.files import read_file
+from calib.io.folder_lock import BusyError
 from calib.io.json_text import json_text
 from calib.io.output_folder import check_no_link
 from calib.progress import Silent

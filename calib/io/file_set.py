@@ -17,7 +17,6 @@ output_folder defines what may be replaced or removed. docs/decisions/output-fol
 reasons.
 """
 
-import errno
 import json
 import os
 import shutil
@@ -32,12 +31,8 @@ from typing import Self
 
 from calib.errors import InputError
 from calib.io.files import UnnamedFile, check_writable, make_folder, read_file, unwritable
+from calib.io.folder_lock import UNSUPPORTED_ERRORS, lock
 from calib.io.output_folder import ANOTHER_FOLDER, LEDGER, Content, OutputFolder
-
-try:
-    import fcntl
-except ImportError:  # Windows: two writers at once are not noticed
-    fcntl = None  # type: ignore[assignment]
 
 HIDDEN = ".refracal-set"
 OLD = "old"
@@ -51,12 +46,6 @@ MAX_OPEN_FILES = 100
 PATIENCE_S = 2.0
 """The time in s for which a reader waits for a writer that moves files. Moving takes milliseconds.
 """
-UNSUPPORTED_ERRORS = (errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.ENOSYS)
-"""The errors of disks, such as network disks, that cannot lock or sync a folder."""
-
-
-class BusyError(InputError):
-    """The error of a folder to which another process writes."""
 
 
 class State(Enum):
@@ -106,7 +95,7 @@ class FileSet:
         if not os.path.lexists(self.folder):
             self._stack.callback(_remove_empty, self.folder)
         make_folder(self.folder)
-        handle = _lock(self.folder)
+        handle = lock(self.folder)
         if handle is not None:
             self._stack.callback(os.close, handle)
         try:
@@ -250,7 +239,7 @@ def finish_change(folder: Path) -> None:
     end = time.monotonic() + PATIENCE_S
     while _is_hidden_set(folder / HIDDEN):
         with suppress(OSError, InputError):
-            handle = _lock(folder)
+            handle = lock(folder)
             try:
                 if handle is not None or _state(folder / HIDDEN) is State.MOVING:
                     _finish_change(folder)  # else a writer may be at work, unnoticed
@@ -414,35 +403,9 @@ def _check_hidden(folder: Path) -> None:
         )
 
 
-def _lock(folder: Path) -> int | None:
-    """Return a handle that locks the folder until it is closed or this process ends; None if the
-    disk has no locks.
-    """
-    if fcntl is None:
-        return None
-    try:
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(handle)
-        raise BusyError(
-            f"Another calib writes to {folder}: wait until it has ended, or choose another folder"
-            " with -o."
-        ) from None
-    except OSError as error:
-        os.close(handle)
-        if error.errno in UNSUPPORTED_ERRORS:
-            return None
-        raise unwritable(folder, error) from error
-    return handle
-
-
 def _sync(folder: Path) -> None:
     """Wait until the folder's names are on the disk."""
-    if fcntl is None:
+    if os.name == "nt":  # Windows opens no folders
         return
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:

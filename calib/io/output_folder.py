@@ -177,6 +177,12 @@ class OutputFolder:
         is_changed = all(name in self._listed for name in foreign)
         replace = f", or replace what is there with {self._flag}" if self._flag else ""
         advice = f"{self._elsewhere}{replace}"
+        listed = _read_ledger(self.path / LEDGER)
+        if written := [name for name in foreign if listed.get(name) != self._listed.get(name)]:
+            return (
+                f"Another calib has written {self.place(written[0])} since this one began:"
+                f" {self._elsewhere}, or repeat this command."
+            )
         if len(foreign) == 1:
             reason = "has changed since calib wrote it" if is_changed else "is not calib's own"
             return f"{self.place(foreign[0])} {reason}: {advice}."

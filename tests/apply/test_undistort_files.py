@@ -1,5 +1,8 @@
 """Straightened files: pictures are in test_cli.py; here videos, depth images and crops."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -11,7 +14,8 @@ from calib.calibration import Calibration
 from calib.cli import main
 from calib.errors import InputError
 from calib.io.depth_image import depth_image_for, read_depth_image
-from calib.io.output_folder import LEDGER
+from calib.io.folder_lock import lock
+from calib.io.output_folder import LEDGER, OutputFolder
 from fixtures.known import known
 from fixtures.synthetic import scene
 
@@ -311,3 +315,31 @@ def test_a_depth_image_without_a_depth_is_remarked_on(
 def test_a_depth_image_of_an_impossible_name_gets_its_sentence() -> None:
     with pytest.raises(InputError, match="File name too long"):
         depth_image_for(Path("a.png"), Path("x" * 300))
+
+
+def test_two_commands_at_once_take_turns_and_replace_nothing_of_each_other(
+    folder: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "calib", "undistort", str(folder / "calibration")]
+    options = ["--depth", "0.5", "-o", str(out)]
+    out.mkdir()
+    held = lock(out)
+    assert held is not None
+    waiting = [
+        subprocess.Popen(
+            [*command, str(folder / name), *options], stderr=subprocess.PIPE, text=True
+        )
+        for name in ("a.png", "b.png")
+    ]
+    for process in waiting:
+        assert process.stderr
+        assert "another calib writes to" in process.stderr.readline()
+    OutputFolder(out).write("a.png", b"of the one that was first")
+    os.close(held)
+    (_, sentence), (_, remarks) = (process.communicate() for process in waiting)
+    assert [process.returncode for process in waiting] == [2, 0], remarks
+    assert f"Another calib has written {out / 'a.png'} since this one began: give" in sentence
+    assert (out / "a.png").read_bytes() == b"of the one that was first"
+    assert (out / "b.png").is_file()
+    assert run(folder, folder / "a.png", *options) == 0, "it may be replaced from now on"
