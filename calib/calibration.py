@@ -25,6 +25,7 @@ from calib.errors import InputError, harmless, wrong_type
 from calib.io.array_arguments import on_finite_rows, pixel_rows, point_rows
 from calib.io.file_set import FileSet
 from calib.io.numerals import real_number
+from calib.io.result_names import CALIBRATION_ARRAYS, CALIBRATION_FILE
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.threads import single_thread
@@ -207,9 +208,9 @@ class Calibration(CalibrationContent):
         document = calibration_mapping(self, self.digest)
         arrays = array_bytes(self)
         check_readable(document, arrays)
-        files.write("calibration.npz", arrays)
+        files.write(CALIBRATION_ARRAYS, arrays)
         return files.write(
-            "calibration.yaml",
+            CALIBRATION_FILE,
             yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120),
         )
 

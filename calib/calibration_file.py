@@ -32,6 +32,7 @@ from calib.io.arrays import decode_npz
 from calib.io.file_set import find_current
 from calib.io.files import npz, reading
 from calib.io.images import session_pictures
+from calib.io.result_names import CALIBRATION_ARRAYS, CALIBRATION_FILE, RIG_CALIBRATION_FILE
 from calib.io.shell import shell_path
 from calib.io.yaml_reader import is_opencv, read_yaml
 from calib.optics.board_target import POSE, VIEW_BLOCKS
@@ -47,7 +48,7 @@ from calib.session.session import (
 from calib.threads import single_thread
 
 FORMAT = 2
-FILES = ("calibration.yaml", "calibration.npz")
+FILES = (CALIBRATION_FILE, CALIBRATION_ARRAYS)
 YAML_SUFFIXES = (".yaml", ".yml")
 DERIVED = ("rays.npz", "map_*m.npz", "report.html")
 """Files in a calibration's folder that are made from it."""
@@ -80,7 +81,7 @@ def read_content(path: str | FilePath) -> CalibrationContent:
                 f"{path} is a picture or a video where a calibration is needed:"
                 f" {fit_pictures_command(path)} makes one."
             )
-        path = path / "calibration.yaml" if path.is_dir() else path
+        path = path / CALIBRATION_FILE if path.is_dir() else path
         document, arrays = _read_pair(path)
     try:
         return _from_mapping(document, arrays, path)
@@ -160,7 +161,7 @@ def array_bytes(content: CalibrationContent) -> memoryview:
 def check_readable(document: dict[str, Any], arrays: memoryview) -> None:
     """Raise NotEnoughDataError if `read_content` would refuse the two files."""
     try:
-        _from_mapping(document, decode_npz(bytes(arrays)), FilePath("calibration.yaml"))
+        _from_mapping(document, decode_npz(bytes(arrays)), FilePath(CALIBRATION_FILE))
     except (InputError, ValueError) as error:
         raise NotEnoughDataError(
             "The views do not determine a number of the camera or cover, so that no calibration is"
@@ -205,7 +206,7 @@ def _where_to_find(path: FilePath) -> str:
     folder = path.parent
     if (folder / "calibration" / path.name).is_file():
         return f"{folder} is a session; its calibration is {folder / 'calibration'}"
-    if (folder / "rig_calibration.yaml").is_file():
+    if (folder / RIG_CALIBRATION_FILE).is_file():
         cameras = sorted(file.parent for file in folder.glob(f"*/{path.name}"))
         names = ", ".join(map(str, cameras))
         return (

@@ -54,7 +54,7 @@ LAYERS = {
             "orphan",
             "process",
         ),
-        ("disk", "reader", "sources"),
+        ("disk", "reader", "result_folder", "sources"),
         ("live_detection", "coded_light", "session_file"),
         ("finder", "coded_finder", "source_folder"),
         ("finders", "gate", "recorder"),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from calib.errors import InputError, brief, meant
 from calib.io.numerals import whole_number
+from calib.io.result_names import CALIBRATION_FILE
 from calib.session.number_spelling import length_in_mm, material_index
 
 FARTHEST = 1e9
@@ -181,7 +182,7 @@ def add_overwrite(parser: Options) -> None:
 
 def calibration_files(calibration: Path) -> tuple[Path, Path]:
     """Return both files of a calibration that is given as its file or as its folder."""
-    file = calibration / "calibration.yaml" if calibration.is_dir() else calibration
+    file = calibration / CALIBRATION_FILE if calibration.is_dir() else calibration
     return file, file.with_suffix(".npz")
 
 

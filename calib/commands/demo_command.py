@@ -17,6 +17,7 @@ from calib.commands.printing import print_json
 from calib.commands.program import runnable_command
 from calib.commands.report_command import show_report
 from calib.errors import InputError
+from calib.io.result_names import CALIBRATION_ARRAYS, CALIBRATION_FILE
 from calib.io.shell import path_word, shell_line
 
 SUMMARY = "Calibrate pictures that come with calib, and open the report."
@@ -34,8 +35,8 @@ PICTURE = "wall.jpg"
 WALL_DEPTH = "0.8"
 """m, from the lens to the wall in PICTURE."""
 RESULTS = (
-    "calibration.yaml",
-    "calibration.npz",
+    CALIBRATION_FILE,
+    CALIBRATION_ARRAYS,
     "rays.npz",
     f"map_{WALL_DEPTH}m.npz",
     "report.html",

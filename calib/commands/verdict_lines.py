@@ -7,6 +7,7 @@ from rich.console import Console
 
 from calib.commands.program import runnable_command
 from calib.errors import harmless
+from calib.io.result_names import CALIBRATION_ARRAYS, CALIBRATION_FILE
 from calib.verdict.next_commands import HOLDOUT, NEW_FILM
 from calib.verdict.verdict import Trust, Verdict
 
@@ -34,7 +35,7 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     """
     console = Console(markup=False, highlight=False, soft_wrap=True)
     for path in written:
-        arrays = " and calibration.npz" if path.name == "calibration.yaml" else ""
+        arrays = f" and {CALIBRATION_ARRAYS}" if path.name == CALIBRATION_FILE else ""
         console.print(harmless(f"Wrote {path}{arrays}"))
     console.print()
     console.print(verdict.headline, style=f"bold {COLOURS[verdict.word]}")

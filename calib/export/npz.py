@@ -28,6 +28,7 @@ from calib.export.export import ExportedFiles, ExportRequest, limit_remarks
 from calib.io.file_set import FileSet, find_current
 from calib.io.files import npz
 from calib.io.numerals import depth_text
+from calib.io.result_names import CALIBRATION_ARRAYS
 from calib.progress import Progress
 from calib.undistortion.depth_map import DepthMap
 from calib.undistortion.ray_field import RayField
@@ -67,7 +68,7 @@ def read_field(path: Path) -> RayField:
     one.
     """
     with np.load(find_current(path), allow_pickle=False) as file:
-        calibration_file = find_current(path.with_name("calibration.npz"))
+        calibration_file = find_current(path.with_name(CALIBRATION_ARRAYS))
         if (
             calibration_file.exists()
             and sha256(calibration_file.read_bytes()).hexdigest() != file["calibration"]

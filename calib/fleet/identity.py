@@ -11,6 +11,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from calib.calibration_file import FILES
 from calib.fit_record.request import Settings
 from calib.fleet.manifest import Entry
 from calib.fleet.places import faraway, is_remote
@@ -54,9 +55,7 @@ class Identity:
         Args:
             previous: of an earlier result. If the listing is unchanged, files are not read again.
         """
-        prior = (
-            [*_listed(entry.prior, ("calibration.yaml", "calibration.npz"))] if entry.prior else []
-        )
+        prior = [*_listed(entry.prior, FILES)] if entry.prior else []
         inputs = {
             "format": FORMAT,
             "prior": [entry.prior, *prior, *_fleet_prior(entry.session)],

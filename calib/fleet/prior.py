@@ -18,6 +18,7 @@ from calib.fleet.common import Common
 from calib.fleet.population import MIN_PRIOR_CAMERAS, ROUGH_DRAWS, Population, population
 from calib.fleet.result import CAMERAS, JobState, Result, read_result
 from calib.io.files import reading
+from calib.io.result_names import CALIBRATION_FILE
 from calib.session.camera import Camera
 from calib.session.fleet_prior import FleetPrior
 from calib.session.lens import SPLINED
@@ -141,9 +142,7 @@ def _unusable(result: Result | None) -> str:
 
 
 def _last(fleet: Path, result: Result) -> Calibration:
-    path = next(
-        (path for path in reversed(result.written) if path.endswith("calibration.yaml")), ""
-    )
+    path = next((path for path in reversed(result.written) if path.endswith(CALIBRATION_FILE)), "")
     if not path:
         raise InputError(f"{result.id} names no calibration: run calib batch again.")
     return Calibration.load(fleet / path)

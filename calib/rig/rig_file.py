@@ -9,6 +9,7 @@ from pathlib import Path
 
 from calib.errors import InputError, wrong_type
 from calib.io.files import reading
+from calib.io.result_names import RIG_CALIBRATION_FILE
 from calib.io.shell import shell_path
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
@@ -16,8 +17,6 @@ from calib.session.schema import Number, Quantity, Section
 from calib.session.session import Session, read_session
 
 NAME = "rig.yaml"
-CALIBRATED = "rig_calibration.yaml"
-"""The file of a calibrated rig."""
 FORMAT = 1
 BY_NAME = "by_name"
 MAX_TOLERANCE_MS = 1e4
@@ -102,7 +101,8 @@ def _check_kind(file: Path) -> None:
             f"{folder} is a session of one camera, and no rig: calib fit {shell_path(folder)}"
             f" calibrates the camera{rig or f'. A rig has a {NAME}, at the least {MINIMAL}'}."
         )
-    if file.name == CALIBRATED or (not file.exists() and (folder / CALIBRATED).exists()):
+    result = folder / RIG_CALIBRATION_FILE
+    if file.name == result.name or (not file.exists() and result.exists()):
         raise InputError(f"{folder} is a calibrated rig: give a {NAME}, or the folder of one.")
 
 

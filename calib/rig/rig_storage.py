@@ -21,16 +21,20 @@ from calib.errors import InputError, brief, wrong_type
 from calib.fit_record.file_checks import read_arrays
 from calib.io.file_set import FileSet, find_current
 from calib.io.files import npz, reading
+from calib.io.result_names import (
+    CALIBRATION_ARRAYS,
+    CALIBRATION_FILE,
+    RIG_CALIBRATION_ARRAYS,
+    RIG_CALIBRATION_FILE,
+)
 from calib.io.shell import shell_path
 from calib.io.yaml_reader import read_yaml
 from calib.rig.layout import RigLayout
 from calib.rig.rig_content import FoundEffect, RejectedView, RigContent, RigRecord
-from calib.rig.rig_file import CALIBRATED
 from calib.rig.rig_geometry import rig_geometry, rig_models
 from calib.session.schema import Number
 
 FORMAT = 1
-ARRAYS = "rig_calibration.npz"
 
 
 class RigFiles:
@@ -66,15 +70,15 @@ class RigFiles:
 
     def reserve(self, names: Sequence[str] = ()) -> None:
         """Check that the files may be written, and further ones of the rig's folder."""
-        self.rig.reserve([CALIBRATED, ARRAYS, *names])
+        self.rig.reserve([RIG_CALIBRATION_FILE, RIG_CALIBRATION_ARRAYS, *names])
         for files in self.cameras.values():
-            files.reserve(["calibration.yaml", "calibration.npz"])
+            files.reserve([CALIBRATION_FILE, CALIBRATION_ARRAYS])
 
     def write(self, rig: RigContent) -> list[FilePath]:
         """Add the files of a rig, and return their future paths, the rig's own first."""
-        self.rig.write(ARRAYS, rig_arrays(rig))
+        self.rig.write(RIG_CALIBRATION_ARRAYS, rig_arrays(rig))
         text = yaml.safe_dump(rig_mapping(rig), sort_keys=False, allow_unicode=True, width=120)
-        written = [self.rig.write(CALIBRATED, text)]
+        written = [self.rig.write(RIG_CALIBRATION_FILE, text)]
         written += [rig.calibrations[name].write(files) for name, files in self.cameras.items()]
         return written
 
@@ -93,10 +97,10 @@ def read_rig_content(path: str | FilePath) -> RigContent:
         InputError: a file is missing or damaged, or they do not belong together.
     """
     if not isinstance(path, str | PathLike):
-        raise wrong_type("path", path, f"the path of a rig's folder or {CALIBRATED}")
+        raise wrong_type("path", path, f"the path of a rig's folder or {RIG_CALIBRATION_FILE}")
     file = FilePath(path)
     with reading(file):
-        file = file / CALIBRATED if file.is_dir() else file
+        file = file / RIG_CALIBRATION_FILE if file.is_dir() else file
     if not find_current(file).is_file():
         raise InputError(f"{file} does not exist: give the folder that calib rig fit wrote.")
     document = read_yaml(find_current(file))
@@ -141,7 +145,7 @@ def rig_mapping(rig: RigContent) -> dict[str, object]:
     for index, (name, calibration) in enumerate(rig.calibrations.items()):
         mounting = geometry.mounting(index)
         cameras[name] = {
-            "calibration": f"{name}/calibration.yaml",
+            "calibration": f"{name}/{CALIBRATION_FILE}",
             "arrays_sha256": calibration.digest,
             "rms_px": calibration.stages[-1].rms_px,
             "rms_alone_px": rig.record.alone_px.get(name, calibration.stages[-1].rms_px),

@@ -91,12 +91,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     from calib.errors import InputError
+    from capture.result_folder import refuse_result_folder
     from capture.rig.rig_sources import is_rig, refuse_rig_folder
 
     if args.all and (args.burst > 1 or args.every):
         raise InputError(
             "--burst and --every choose among good views: leave them out, or leave --all out."
         )
+    refuse_result_folder(args.session)
     if is_rig(args.source):
         from capture.rig.record_rig import record_rig
 

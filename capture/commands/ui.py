@@ -92,9 +92,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
+    from capture.result_folder import refuse_result_folder
     from capture.rig.rig_sources import is_rig, refuse_rig_folder
 
     check_screen_options(args)
+    refuse_result_folder(args.session)
     if args.screen:
         record_screen(args)
         return

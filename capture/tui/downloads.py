@@ -4,8 +4,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from calib.io.result_names import CALIBRATION_FILE
 from capture.disk import is_regular_file
-from capture.tui.farewell import CALIBRATION, REPORT, files_since, select_newer, updated_folder
+from capture.tui.farewell import REPORT, files_since, select_newer, updated_folder
 
 STRAIGHT = "straight_"
 """The start of the names of folders with straight pictures, before their depth."""
@@ -36,8 +37,8 @@ def find_downloads(
         yield Download(OPEN_REPORT, REPORT, (report.resolve(),))
     if renewed := updated_folder(folder):
         folder, session = renewed, renewed
-    newer = select_newer(folder / CALIBRATION, exported)
-    maps = newer or files_since(folder / CALIBRATION, session / "export")
+    newer = select_newer(folder / CALIBRATION_FILE, exported)
+    maps = newer or files_since(folder / CALIBRATION_FILE, session / "export")
     visible = [file for file in maps if not file.name.startswith(".")]
     if files := tuple(file.resolve() for file in visible if is_regular_file(file)):
         megabytes = sum(file.stat().st_size for file in files) / 1e6

@@ -16,13 +16,12 @@ from calib.fitting.supported_depths import doubtful_depths
 from calib.io.arrays import decode_npz
 from calib.io.images import frames_folder, list_images
 from calib.io.numerals import counted
+from calib.io.result_names import CALIBRATION_ARRAYS, CALIBRATION_FILE
 from calib.io.shell import shell_line
 from calib.session.lens import OPENCV
 from calib.verdict.verdict import Trust
 from capture.session_file import read_calibrated
 
-CALIBRATION = "calibration.yaml"
-ARRAYS = "calibration.npz"
 REPORT = "report.html"
 DEPTH = 1.0
 """m, the proposed depth of maps if the calibration has no boards."""
@@ -35,7 +34,7 @@ UPDATED = "updated"
 def calibration_folder(session: Path) -> Path | None:
     """Return the folder of the session's calibration, if it has one."""
     folder = session / "calibration"
-    return folder if (folder / CALIBRATION).exists() else None
+    return folder if (folder / CALIBRATION_FILE).exists() else None
 
 
 def propose_depth(folder: Path) -> float:
@@ -44,8 +43,8 @@ def propose_depth(folder: Path) -> float:
     imported for it.
     """
     try:
-        board, camera, _ = read_calibrated(folder / CALIBRATION)
-        arrays = decode_npz((folder / ARRAYS).read_bytes())
+        board, camera, _ = read_calibrated(folder / CALIBRATION_FILE)
+        arrays = decode_npz((folder / CALIBRATION_ARRAYS).read_bytes())
         turns = [cv2.Rodrigues(pose[:3])[0][:, :2] for pose in arrays["poses"]]
         places = board.points() @ np.swapaxes(turns, 1, 2) + arrays["poses"][:, None, 3:]
         visible = places[np.isfinite(arrays["corners"][..., 0])]
@@ -60,7 +59,7 @@ def updated_folder(folder: Path) -> Path | None:
     """Return the folder of this calibration's updated version, if a check has written one since the
     fit.
     """
-    return folder / UPDATED if files_since(folder / CALIBRATION, folder / UPDATED) else None
+    return folder / UPDATED if files_since(folder / CALIBRATION_FILE, folder / UPDATED) else None
 
 
 def farewell_lines(
@@ -95,12 +94,12 @@ def farewell_lines(
         exported = session / "export"
         if renewed := updated_folder(folder):
             folder, doubt = renewed, ""
-            maps = select_newer(folder / CALIBRATION, maps)
+            maps = select_newer(folder / CALIBRATION_FILE, maps)
             exported = folder / "export"
             yield f"Brought up to date by a check: {_printable(folder)}"
         if (report := folder / REPORT).exists():
             yield f"The report is {_printable(report)}"
-        maps = maps or files_since(folder / CALIBRATION, exported)
+        maps = maps or files_since(folder / CALIBRATION_FILE, exported)
         yield from _exported_lines(maps)
         if doubt:
             yield f"{doubt} The report says why, and what to do."

@@ -6,8 +6,9 @@ from typing import ClassVar
 from textual.binding import Binding
 from textual.message import Message
 
+from calib.io.result_names import CALIBRATION_FILE
 from capture.tui.child import Event
-from capture.tui.farewell import CALIBRATION, calibration_folder
+from capture.tui.farewell import calibration_folder
 from capture.tui.fitting import fit_session
 from capture.tui.page import HELP_AND_QUIT
 from capture.tui.results import ResultsScreen
@@ -60,7 +61,7 @@ class FitScreen(WorkingPage):
     def _modification_time_ns(self) -> int:
         """Return the time of the session's calibration, ns; 0 where there is none."""
         folder = calibration_folder(self.session)
-        return (folder / CALIBRATION).stat().st_mtime_ns if folder else 0
+        return (folder / CALIBRATION_FILE).stat().st_mtime_ns if folder else 0
 
     def action_back(self) -> None:
         """Go back to the results before this fit, which are still those of the calibration."""

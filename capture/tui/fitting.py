@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from calib.io.result_names import CALIBRATION_FILE
 from calib.progress import Progress
 from capture.tui.child import LOADING, MOVE_IT
 
@@ -44,13 +45,11 @@ def open_results(progress: Progress, place: Path) -> dict[str, object]:
     progress.task("Verdict", 1)
     fitted = Calibration.load(place)
     diagnosed_folder = place / "diagnosed"
-    fit = results_summary(fitted, place / "calibration.yaml")
-    if (diagnosed_folder / "calibration.yaml").exists():
+    fit = results_summary(fitted, place / CALIBRATION_FILE)
+    if (diagnosed_folder / CALIBRATION_FILE).exists():
         diagnosed = Calibration.load(diagnosed_folder)
         if diagnosed.effects and diagnosed.stages[: len(fitted.stages)] == fitted.stages:
-            return results_summary(diagnosed, diagnosed_folder / "calibration.yaml") | {
-                "before": fit
-            }
+            return results_summary(diagnosed, diagnosed_folder / CALIBRATION_FILE) | {"before": fit}
     return fit
 
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 from calib.errors import RefracalError
 from calib.io.files import reading
+from calib.io.result_names import CALIBRATION_FILE
 from capture.session_file import Setup, read_calibrated, read_setup
 from capture.sources.registry import open_source
-from capture.tui.farewell import CALIBRATION
 from capture.typed_path import expand_typed_path
 
 
@@ -20,7 +20,7 @@ def read_like(like: str) -> Setup | None:
     with reading(path):
         path = path / "session.yaml" if path.is_dir() else path
     board, camera, cover = read_setup(path)
-    calibration = path.parent / "calibration" / CALIBRATION
+    calibration = path.parent / "calibration" / CALIBRATION_FILE
     if camera.intrinsics is None and calibration.exists():
         camera = replace(camera, intrinsics=read_calibrated(calibration)[1].intrinsics)
     return board, camera, cover

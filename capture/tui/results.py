@@ -19,6 +19,7 @@ from textual.widgets.option_list import Option
 from calib.corners.detect import eight_bits
 from calib.errors import RefracalError, harmless
 from calib.io.images import frames_folder, read_grey
+from calib.io.result_names import CALIBRATION_FILE
 from calib.session.shapes.layer import AIR
 from capture.tui.camera import Preview
 from capture.tui.cells import CORNER_MARK, WORST_MARK, Mark
@@ -34,7 +35,7 @@ from capture.tui.drop import (
 )
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
-from capture.tui.farewell import CALIBRATION, updated_folder
+from capture.tui.farewell import updated_folder
 from capture.tui.numbers import Numbers
 from capture.tui.page import HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
@@ -393,7 +394,7 @@ class ResultsScreen(Page):
         note = EARLIER_FIT_NOTE if self._dropped else text.headline if text.is_forbidden else ""
         if folder := updated_folder(calibration.parent):
             session = folder
-            calibration = folder / CALIBRATION
+            calibration = folder / CALIBRATION_FILE
             note = (
                 f"These maps are of the calibration as a check has brought it up to date: {folder}"
             )
