@@ -41,7 +41,7 @@ def read_table(path: Path) -> list[dict[str, str]]:
     exist.
 
     Raises:
-        InputError: the file is not such a table.
+        InputError: the file is not such a table, or has two different rows for one picture.
     """
     with reading(path):
         if not path.exists():
@@ -51,17 +51,34 @@ def read_table(path: Path) -> list[dict[str, str]]:
         data = data[: data.rfind(b"\n") + 1]
     try:
         text = data.decode("utf-8-sig")
-        rows = list(csv.DictReader(io.StringIO(text, newline=""), restval="", strict=True))
+        reader = csv.DictReader(io.StringIO(text, newline=""), restval="", strict=True)
+        lines = [(reader.line_num, row) for row in reader]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(
             f"{path} is not a CSV table in UTF-8 ({brief(error)}): mend it, or move it elsewhere."
         ) from error
-    if any("file" not in row or None in row for row in rows):
+    if any("file" not in row or None in row for _, row in lines):
         raise InputError(
             f"{path} has no column file, or rows longer than its first: its first line must be"
             f" {','.join(FIXED)},..."
         )
-    return rows
+    _check_unique(path, lines)
+    return [row for _, row in lines]
+
+
+def _check_unique(path: Path, lines: Sequence[tuple[int, Row]]) -> None:
+    """Raise InputError if two different rows are of one picture. `lines` are the rows with the
+    numbers of their lines, from 1.
+    """
+    first: dict[str, tuple[int, Row]] = {}
+    for number, row in lines:
+        name = Path(row["file"]).name
+        earlier_number, earlier_row = first.setdefault(name, (number, row))
+        if row != earlier_row:
+            raise InputError(
+                f"{path}: lines {earlier_number} and {number} are both of {brief(name)}, and they"
+                " differ: remove one of them."
+            )
 
 
 def is_by_hand(path: Path) -> bool:
