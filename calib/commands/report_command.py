@@ -9,6 +9,7 @@ from pathlib import Path
 from calib.commands.arguments import (
     add_calibration,
     add_depths,
+    add_output,
     add_overwrite,
     calibration_files,
     folder_of,
@@ -24,6 +25,7 @@ the report is left as it is; this needs matplotlib.
 """
 EXAMPLES = (
     "calib report cam0/calibration",
+    "calib report cam0/calibration -o for-the-customer",
     "calib report cam0/calibration --png figures",
 )
 
@@ -31,6 +33,7 @@ EXAMPLES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
     add_depths(parser, required=False)
+    add_output(parser, "folder for the report (default: the calibration's)", required=False)
     add_overwrite(parser)
     parser.add_argument(
         "--png",
@@ -48,10 +51,13 @@ def run(args: argparse.Namespace) -> None:
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
+        from calib.errors import InputError
         from calib.io.file_set import FileSet
         from calib.report.comparison import undiagnosed
         from calib.report.write import NAME, write_report
 
+    if args.png and args.output:
+        raise InputError("--png DIR names the folder of the figures: leave -o out.")
     calibration = Calibration.load(args.calibration)
     if args.png:
         from calib.plots import write_figures
@@ -64,20 +70,43 @@ def run(args: argparse.Namespace) -> None:
             files.commit()
         print_paths(written)
         return
+    folder = folder_of(args.calibration)
+    if not args.output:
+        _check_writable(args.calibration)
     output = FileSet(
-        folder_of(args.calibration),
+        args.output or folder,
         overwrite=args.overwrite,
         inputs=calibration_files(args.calibration),
-        elsewhere="move it elsewhere",
     )
     with Bars() as bars, output as files:
         files.reserve([NAME])
         before = undiagnosed(calibration)
-        path = write_report(calibration, files, bars, args.depth, before=before)
+        path = write_report(
+            calibration, files, bars, args.depth, before=before, calibration_folder=folder
+        )
         files.commit()
     print_paths([path])
     if not args.no_open:
         show_report(path)
+
+
+def _check_writable(calibration: Path) -> None:
+    """Check that a report can be written beside a calibration; InputError proposes another folder
+    for it if not.
+    """
+    from calib.errors import InputError
+    from calib.io.files import check_writable
+    from calib.io.shell import shell_path
+
+    folder = folder_of(calibration)
+    try:
+        check_writable(folder)
+    except InputError as error:
+        reason = error.__cause__.strerror if isinstance(error.__cause__, OSError) else "no space"
+        raise InputError(
+            f"{folder} cannot be written ({reason}): write the report into another folder by calib"
+            f" report {shell_path(calibration)} -o report"
+        ) from error
 
 
 def show_report(path: Path) -> None:

@@ -58,8 +58,9 @@ def write_report(
     *,
     pictures: Path | None = None,
     before: Calibration | None = None,
+    calibration_folder: Path | None = None,
 ) -> Path:
-    """Write report.html beside a saved calibration.
+    """Write report.html beside a saved calibration, or into another folder.
 
     Args:
         depths: m, at which fields are drawn; by default those of the nearest, the median and the
@@ -67,11 +68,13 @@ def write_report(
         effects: rows of the table of effects; None: those of the calibration's own diagnosis.
         pictures: the session's folder, if it is not where the calibration says.
         before: the calibration that a diagnosis started from.
+        calibration_folder: the calibration's folder, if the report goes to another one.
     """
+    folder = calibration_folder or files.folder
     advance = progress.task("Report", len(DRAWINGS) + 2)
     with single_thread(), ThreadPoolExecutor() as pool:
         evidence = gather_evidence(calibration, tuple(depths))
-        session = _session(calibration, files.folder, pictures)
+        session = _session(calibration, folder, pictures)
         thumbnails = start_thumbnails(evidence, session, pool)
         advance(1, "")
         drawn = []
@@ -87,14 +90,14 @@ def write_report(
             drawings,
             effect_rows(calibration) if effects is None else effects,
             views_html(evidence, thumbnails),
-            again_html(evidence, files.folder),
+            again_html(evidence, folder),
             fringes_html(evidence),
         )
     path = files.write(
         NAME,
         page(
             calibration.camera.model or "a camera",
-            summarise(evidence, depths, files.folder),
+            summarise(evidence, depths, folder),
             sections,
             Scripts.of(page_data(evidence, drawings)),
         ),

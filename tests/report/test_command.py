@@ -3,6 +3,7 @@ again.
 """
 
 import argparse
+import errno
 import json
 import os
 import re
@@ -29,6 +30,7 @@ from calib.errors import InputError
 from calib.fit_record.history import DiagnosisRecord, History
 from calib.fit_record.request import CommandOptions, FitRequest, Provenance, Settings
 from calib.fitting.provenance import session_hash
+from calib.io.files import UnnamedFile
 from calib.report.again import commands, pasted
 from calib.session.session import read_session
 from fixtures.synthetic import scene
@@ -92,6 +94,33 @@ def test_report_opens_a_browser_where_there_is_a_screen(
     assert len(opened) == 1
     assert main(["report", str(tmp_path / "elsewhere")]) == 2
     assert "give the folder that calib fit wrote" in capfd.readouterr().err
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_a_report_beside_a_calibration_that_cannot_be_written_goes_elsewhere(
+    small_calibration: Calibration,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    folder = tmp_path / "my disc"
+    small_calibration.save(folder)
+    original = UnnamedFile.__init__
+
+    def refuse(self: UnnamedFile, place: Path, data: bytes | str) -> None:
+        if place == folder:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+        original(self, place, data)
+
+    monkeypatch.setattr(UnnamedFile, "__init__", refuse)
+    assert main(["report", str(folder)]) == 2
+    advice = f"write the report into another folder by calib report '{folder}' -o report\n"
+    assert advice in capfd.readouterr().err
+    out = tmp_path / "elsewhere"
+    assert main(["report", str(folder), "-o", str(out), "--no-open"]) == 0
+    assert capfd.readouterr().out == f"{out / 'report.html'}\n"
+    assert f"-o {folder}" in unescape((out / "report.html").read_text()).replace("'", "")
+    assert main(["report", str(folder), "-o", str(out), "--png", str(out)]) == 2
 
 
 @pytest.mark.parametrize(
