@@ -35,7 +35,7 @@ from calib.io.images import (
 )
 from calib.io.output_folder import LEDGER, OutputFolder
 from calib.io.patterns import expand
-from calib.io.result_names import has_only_results
+from calib.io.result_names import CALIBRATION_FILE
 from calib.io.shell import shell_path
 from calib.io.videos import VIDEOS, list_videos
 from calib.progress import Progress
@@ -130,7 +130,8 @@ def _check_no_calibration(path: Path) -> None:
         InputError: it is.
     """
     with reading(path):
-        if has_only_results(path) and not session_pictures(path):
+        is_calibration = (path / CALIBRATION_FILE).is_file() and not (path / DESCRIPTION).exists()
+        if is_calibration and not session_pictures(path):
             raise InputError(
                 f"{path} is a calibration: give the folder of pictures to fit, or look at it by"
                 f" calib report {shell_path(path)}"
