@@ -1,5 +1,5 @@
-"""Undistort picture files, videos, and folders of both into another folder. Each result has the
-name of its original.
+"""Undistort picture files, videos, and folders of both into another folder. A result has the name
+of its original, and a video of a type that is not written becomes .mp4.
 """
 
 import os
@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.apply.colour import ColourUndistorter
 from calib.apply.undistorter import NEAR, Depth, Image, Undistorter
-from calib.apply.video import straighten_video
+from calib.apply.video import straighten_video, straightened_name
 from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.io.depth_image import depth_image_for
@@ -28,7 +28,7 @@ from calib.io.images import (
     session_pictures,
 )
 from calib.io.output_folder import OutputFolder
-from calib.io.videos import VIDEOS, list_videos
+from calib.io.videos import OTHER_VIDEOS, VIDEOS, convert_command, list_videos
 from calib.progress import Progress
 
 ENCODING = {
@@ -92,7 +92,7 @@ def undistort_files(
     paths = list(dict.fromkeys(paths))
     _check_names(paths, output.path)
     _check_depth_images(paths, options.depth, output.path)
-    output.check(path.name for path in paths)
+    output.check(map(straightened_name, paths))
     first = (
         options.depth
         if not isinstance(options.depth, Path)
@@ -151,17 +151,23 @@ def _check_names(paths: Sequence[Path], folder: Path) -> None:
     # unlike Path.resolve, realpath accepts a loop of links, which reading then reports
     target = os.path.realpath(folder)
     for path in paths:
+        if path.suffix.lower() in OTHER_VIDEOS:
+            raise InputError(
+                f"{path} is a video of a type that is not read: convert it by"
+                f" {convert_command(path)}"
+            )
         if path.suffix.lower() not in (*SUFFIXES, *VIDEOS):
             raise InputError(
                 f"{path} is neither a picture nor a video by its name, which says what to write:"
                 f" its suffix must be one of {', '.join((*SUFFIXES, *VIDEOS))}."
             )
-        if path.name in paths_by_name:
+        name = straightened_name(path)
+        if name in paths_by_name:
             raise InputError(
-                f"{paths_by_name[path.name]} and {path} have the same name: undistort them into"
+                f"{paths_by_name[name]} and {path} would both become {name}: undistort them into"
                 " different folders."
             )
-        paths_by_name[path.name] = path
+        paths_by_name[name] = path
         if target in (os.path.realpath(path.parent), str(Path(os.path.realpath(path)).parent)):
             raise InputError(f"{path} would be overwritten: give another folder with -o.")
 

@@ -10,14 +10,22 @@ import numpy as np
 from calib.apply.undistorter import Undistorter
 from calib.errors import InputError
 from calib.io.output_folder import OutputFolder
-from calib.io.videos import VIDEOS, breaks_off, open_video, promised_frames
+from calib.io.videos import CODECS, VIDEOS, breaks_off, convert_command, open_video, promised_frames
 from calib.progress import Progress
+
+
+def straightened_name(path: Path) -> str:
+    """Return the name of an undistorted picture or video: that of the original, but a video of a
+    type that OpenCV may not write becomes .mp4.
+    """
+    suffix = path.suffix.lower()
+    return f"{path.stem}.mp4" if suffix in VIDEOS and suffix not in CODECS else path.name
 
 
 def straighten_video(
     path: Path, output: OutputFolder, undistorter: Undistorter, progress: Progress
 ) -> tuple[Path, str]:
-    """Write the undistorted video under its own name, with the frame rate of the original.
+    """Write the undistorted video, with the frame rate of the original.
 
     An earlier file of that name stays complete until the last frame is written.
 
@@ -25,9 +33,9 @@ def straighten_video(
         The path of the new video, and a sentence if the last frames of the original are missing;
         else an empty text.
     """
-    target = output.path / path.name
+    target = output.path / straightened_name(path)
     capture = open_video(path)
-    promised = promised_frames(capture)
+    promised = promised_frames(capture, path)
     temporary = target.with_name(f".refracal-{secrets.token_hex(8)}{target.suffix}")
     width, height = undistorter.size
     writer = cv2.VideoWriter()
@@ -47,7 +55,7 @@ def straighten_video(
                 rate = capture.get(cv2.CAP_PROP_FPS) or 25.0
                 if not writer.open(
                     str(temporary),
-                    cv2.VideoWriter.fourcc(*VIDEOS[target.suffix.lower()]),
+                    cv2.VideoWriter.fourcc(*CODECS[target.suffix.lower()]),
                     rate,
                     (width, height),
                 ):
@@ -61,8 +69,8 @@ def straighten_video(
         writer.release()
         if not frames:
             raise InputError(
-                f"{path} holds no frame that can be decoded: convert it to mp4 or avi, or"
-                " replace it."
+                f"{path} holds no frame that can be decoded: replace it, or convert it by"
+                f" {convert_command(path)}"
             )
         written = output.take(temporary, target.name)
         if breaks_off(frames, promised):

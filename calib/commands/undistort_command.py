@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 SUMMARY = "Undistort pictures, videos and ROS bags: remove the distortion of cover and lens."
 DESCRIPTION = """
 Pictures may be colour or grey, 8 or 16 bit. Pixels that the camera does not see through its cover
-become 0. Videos lose their sound. If a video is cut off, the command undistorts the frames that it
-has, and the exit code is 3.
+become 0. Videos lose their sound, and those of another type than avi, mp4, m4v, mov or mkv become
+mp4. If a video is cut off, the command undistorts the frames that it has, and the exit code is 3.
 
 Of a bag of ROS, one topic of pictures becomes straight: -o names the new file, .mcap, or .bag for
 ROS 1. Its camera_info is that of the straight camera, whose place a static transform states. All

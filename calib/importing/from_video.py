@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calib.errors import InputError
 from calib.importing.session_draft import SessionDraft
 from calib.io.images import Image
-from calib.io.videos import breaks_off, open_video, promised_frames
+from calib.io.videos import breaks_off, convert_command, open_video, promised_frames
 from calib.progress import Advance, Progress, Silent
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -60,10 +60,10 @@ def _measure(path: Path) -> tuple[int, int, int]:
         success, pixels = video.read()
         if not success:
             raise InputError(
-                f"{path} is not a video that can be read: convert it to mp4 or avi, or give a"
-                " folder of its frames."
+                f"{path} is not a video that can be read: give a folder of its frames, or convert"
+                f" it by {convert_command(path)}"
             )
-        count = promised_frames(video)
+        count = promised_frames(video, path)
         if not count:
             count = 1
             while video.grab():

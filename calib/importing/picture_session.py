@@ -37,7 +37,7 @@ from calib.io.output_folder import LEDGER, OutputFolder
 from calib.io.patterns import expand
 from calib.io.result_names import CALIBRATION_FILE
 from calib.io.shell import shell_path
-from calib.io.videos import VIDEOS, list_videos
+from calib.io.videos import OTHER_VIDEOS, VIDEOS, convert_command, list_videos
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.board_section import board_to_yaml
@@ -159,6 +159,10 @@ def _picture(path: Path) -> Path:
     if path.name == DESCRIPTION:
         raise InputError(
             f"{path} describes a session: calib fit {shell_path(path.parent)} calibrates it."
+        )
+    if path.suffix.lower() in OTHER_VIDEOS:
+        raise InputError(
+            f"{path} is a video of a type that is not read: convert it by {convert_command(path)}"
         )
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(

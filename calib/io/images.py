@@ -31,7 +31,7 @@ from calib.io.encoded_picture import (
     read_header,
 )
 from calib.io.files import read_file
-from calib.io.videos import VIDEOS
+from calib.io.videos import OTHER_VIDEOS, VIDEOS
 
 SUFFIXES = (
     *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy"),
@@ -45,7 +45,8 @@ OTHER_PICTURES = (
     *(".heic", ".heif", ".avif", ".gif", ".jp2", ".jxl", ".exr", ".hdr", ".pbm", ".raw"),
     *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw"),
     *VIDEOS,
-    *(".webm", ".mpg", ".mts", ".3gp", ".bag"),
+    *OTHER_VIDEOS,
+    ".bag",
 )
 """Suffixes of pictures and videos that are not read as pictures."""
 

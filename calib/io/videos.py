@@ -7,9 +7,17 @@ from pathlib import Path
 import cv2
 
 from calib.io.files import check_regular, reading
+from calib.io.shell import shell_line
 
-VIDEOS = {".avi": "MJPG", ".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v"}
-"""The codec that is written for each suffix; every OpenCV has these."""
+CODECS = {".avi": "MJPG", ".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v"}
+"""The codec that is written for each suffix; every OpenCV has these, for any frame rate."""
+UNINDEXED = (".mpg", ".mpeg", ".mts", ".m2ts", ".ts")
+"""Streams whose number of frames is a guess from their size and first times, which may be double.
+"""
+VIDEOS = (*CODECS, *UNINDEXED, ".webm", ".3gp", ".wmv", ".ogv")
+"""The suffixes of the videos that are read."""
+OTHER_VIDEOS = (".h264", ".h265", ".hevc", ".mjpeg", ".flv", ".vob", ".asf", ".mxf", ".insv")
+"""Suffixes of videos that are not read: streams without times, and rare types."""
 ESTIMATE = 0.05
 """The relative error of the number of frames in a video's header: some containers only estimate it.
 """
@@ -25,9 +33,17 @@ def open_video(path: Path) -> cv2.VideoCapture:
     return video
 
 
-def promised_frames(video: cv2.VideoCapture) -> int:
-    """Return the number of frames that the header promises; 0 if it has none."""
+def promised_frames(video: cv2.VideoCapture, path: Path) -> int:
+    """Return the number of frames that the header of a video's file promises; 0 if it has none."""
+    if path.suffix.lower() in UNINDEXED:
+        return 0
     return max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT)))
+
+
+def convert_command(path: Path) -> str:
+    """Return the command of FFmpeg that converts a video into one that OpenCV reads."""
+    name = f"{path.stem}-converted.mp4" if path.suffix.lower() == ".mp4" else f"{path.stem}.mp4"
+    return shell_line("ffmpeg", "-i", path, path.with_name(name))
 
 
 def breaks_off(frames: int, promised: int) -> bool:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
-from calib.io.videos import breaks_off, open_video, promised_frames
+from calib.io.videos import breaks_off, convert_command, open_video, promised_frames
 from calib.session.schema import Section
 from calib.session.shutter import Shutter
 from capture.frames import Frame
@@ -37,8 +37,8 @@ class VideoSource:
         if self._next is None:
             self._capture.release()
             raise InputError(
-                f"{self._file} is not a video that can be read: convert it, or give a folder of its"
-                " frames."
+                f"{self._file} is not a video that can be read: give a folder of its frames, or"
+                f" convert it by {convert_command(self._file)}"
             )
         return self
 
@@ -57,7 +57,7 @@ class VideoSource:
             yield Frame(pixels, sequence, start_s + time_s)
             self._next = self._read()
             sequence += 1
-        declared = promised_frames(self._capture)
+        declared = promised_frames(self._capture, self._file)
         if not self._closed.is_set() and breaks_off(sequence, declared):
             raise InputError(
                 f"{self._file} breaks off after {sequence} of {declared} frames: copy it again, or"

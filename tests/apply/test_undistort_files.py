@@ -1,6 +1,7 @@
 """Straightened files: pictures are in test_cli.py; here videos, depth images and crops."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,9 +14,11 @@ from calib.apply.undistorter import Undistorter
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.errors import InputError
+from calib.importing.from_video import sharpest_frames
 from calib.io.depth_image import depth_image_for, read_depth_image
 from calib.io.folder_lock import lock
 from calib.io.output_folder import LEDGER, OutputFolder
+from calib.progress import Silent
 from fixtures.known import known
 from fixtures.synthetic import scene
 
@@ -40,6 +43,17 @@ def ramp(shift: int) -> np.ndarray:
     return np.dstack([sideways + shift, sideways + downwards, 255 - sideways - shift]).astype(
         np.uint8
     )
+
+
+def write_video(path: Path, codec: str, rate: float = 25.0) -> Path:
+    """Write a video of FRAMES pictures, which FFmpeg may tell of on stderr."""
+    writer = cv2.VideoWriter(
+        str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), rate, (W, H)
+    )
+    for shift in range(FRAMES):
+        writer.write(ramp(12 * shift))
+    writer.release()
+    return path
 
 
 def run(folder: Path, *arguments: object) -> int:
@@ -75,6 +89,27 @@ def test_a_video_is_straightened_frame_by_frame(
             np.abs(frame.astype(float) - undistorter.undistort(ramp(12 * shift)))[inner].mean() < 6
         )
     assert not made.read()[0]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec"),
+    [(".webm", "VP80"), (".MTS", "mp4v"), (".mpg", "MPG2"), (".wmv", "WMV2"), (".3gp", "mp4v")],
+)
+def test_a_video_of_a_type_that_is_not_written_becomes_mp4(
+    folder: Path, tmp_path: Path, suffix: str, codec: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """FFmpeg promises twice the frames of the .MTS, whose rate it guesses."""
+    video = write_video(tmp_path / f"v{suffix}", codec, 12.0 if suffix == ".MTS" else 25.0)
+    capfd.readouterr()
+    assert run(folder, video, "--depth", "0.5", "-o", tmp_path / "out") == 0
+    assert capfd.readouterr().out == f"{tmp_path / 'out' / 'v.mp4'}\n"
+    made = cv2.VideoCapture(str(tmp_path / "out" / "v.mp4"))
+    assert made.get(cv2.CAP_PROP_FRAME_COUNT) == FRAMES
+    shutil.copy(video, tmp_path / "v.mp4")
+    both = (video, tmp_path / "v.mp4")
+    assert run(folder, *both, "--depth", "0.5", "-o", tmp_path / "new") == 2
+    assert "would both become v.mp4" in capfd.readouterr().err
+    assert len(list(sharpest_frames(video, 60, Silent()))) == FRAMES
 
 
 def test_a_quoted_pattern_names_the_pictures_that_match(
@@ -151,9 +186,24 @@ def test_a_truncated_video_is_straightened_up_to_its_end(
     assert f"v.avi breaks off after {frames} of 60 frames, which were straightened" in captured.err
 
 
+def test_a_video_of_a_type_that_is_not_read_is_converted_first(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video = tmp_path / "my film.h264"
+    video.touch()
+    advice = f"convert it by ffmpeg -i '{video}' '{video.with_suffix('.mp4')}'\n"
+    assert run(folder, video, "--depth", "0.5", "-o", tmp_path / "out") == 2
+    assert capsys.readouterr().err.endswith(advice)
+    assert main(["fit", str(video), "--board", "9x6", "--square-mm", "20"]) == 2
+    assert capsys.readouterr().err.endswith(advice)
+
+
 @pytest.mark.parametrize(
     ("content", "says"),
-    [(b"no video", "holds no frame that can be decoded"), (None, "No such file")],
+    [
+        (b"no video", "holds no frame that can be decoded: replace it, or convert it by ffmpeg"),
+        (None, "No such file"),
+    ],
 )
 def test_a_file_that_is_no_video_gets_a_sentence(
     folder: Path,
