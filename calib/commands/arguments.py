@@ -12,6 +12,8 @@ from calib.session.number_spelling import length_in_mm, material_index
 
 FARTHEST = 1e9
 """m: a map for a greater depth equals the map for infinity to its last digit."""
+DOUBTED_MM = 1.0
+"""mm: a tag or square with a smaller side is hardly ever printed."""
 Options = argparse.ArgumentParser | argparse._ArgumentGroup
 """A parser, or a group of options in its help."""
 
@@ -129,6 +131,16 @@ def millimetres(text: str) -> float:
             f" as 25{hint}"
         )
     return side
+
+
+def doubt_unit(option: str, side_mm: float) -> str:
+    """Return a warning about a printed side, mm, that may be in metres; "" if it is plausible."""
+    if side_mm >= DOUBTED_MM:
+        return ""
+    return (
+        f"Take care: {option} {side_mm:g} is in millimetres, and hardly any printer draws that. If"
+        f" metres were meant, write {side_mm * 1000:g}."
+    )
 
 
 def add_depths(parser: Options, *, required: bool) -> None:

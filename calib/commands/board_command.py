@@ -4,7 +4,15 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_output, add_overwrite, millimetres, quoted, whole_size
+from calib.commands.arguments import (
+    add_output,
+    add_overwrite,
+    doubt_unit,
+    millimetres,
+    quoted,
+    whole_size,
+)
+from calib.commands.printing import print_remark
 from calib.errors import InputError
 from calib.io.numerals import whole_number
 from calib.session.coding import DICTIONARIES, SPACING_LIMITS
@@ -92,7 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from calib.commands.printing import print_json, print_paths, print_remark
+    from calib.commands.printing import print_json, print_paths
     from calib.io.file_set import FileSet
     from calib.io.files import reading
     from calib.sheet.layout import lay_out
@@ -108,6 +116,9 @@ def run(args: argparse.Namespace) -> None:
                 " with -o, or replace its session.yaml with --overwrite."
             )
     pattern = _pattern(args)
+    for option, side in (("--square-mm", args.square_mm), ("--tag-mm", args.tag_mm)):
+        if side and (doubt := doubt_unit(option, side)):
+            print_remark(doubt)
     sheet = lay_out(pattern, args.paper, args.square_mm or args.tag_mm)
     with FileSet(args.output, overwrite=args.overwrite) as files:
         files.reserve(["board.pdf", "board.svg", "session.yaml"])

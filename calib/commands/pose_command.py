@@ -10,6 +10,7 @@ from calib.commands.arguments import (
     add_calibration,
     add_overwrite,
     calibration_files,
+    doubt_unit,
     millimetres,
     positive_or_zero,
 )
@@ -84,6 +85,8 @@ def run(args: argparse.Namespace) -> None:
         from calib.io.output_folder import ANOTHER_FILE, OutputFolder
         from calib.io.patterns import expand
 
+    if doubt := doubt_unit("--size-mm", args.size_mm):
+        print_remark(doubt)
     sigma = None if args.size_sigma_mm is None else args.size_sigma_mm / 1000
     locator = TagLocator(
         Calibration.load(args.calibration), args.tags, args.size_mm / 1000, sigma, args.border

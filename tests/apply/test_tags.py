@@ -300,6 +300,21 @@ def run(*arguments: object) -> int:
     return main(["pose", *map(str, arguments)])
 
 
+def test_a_side_that_may_be_in_metres_is_doubted(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cv2.imwrite(str(tmp_path / "empty.png"), np.full((64, 64), 200, np.uint8))
+    options = ("--tags", "DICT_4X4_50", "--size-mm")
+    doubt = "--size-mm 0.05 is in millimetres, and hardly any printer draws that. If metres were"
+    run(folder, tmp_path / "empty.png", *options, "0.05")
+    assert f"Take care: {doubt} meant, write 50.\n" in capsys.readouterr().err
+    run(folder, tmp_path / "empty.png", *options, "50")
+    assert "millimetres" not in capsys.readouterr().err
+    arguments = ["board", "--square-mm", "0.1", "-o", str(tmp_path / "board")]
+    assert main(arguments) == 0
+    assert "Take care: --square-mm 0.1 is in millimetres" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_the_command_prints_what_the_library_finds(
     folder: Path,
