@@ -25,6 +25,7 @@ from calib.commands.parser import (
     with_choices_below,
 )
 from calib.commands.printing import drop, print_error
+from calib.commands.standard_streams import prepare_streams
 from calib.errors import InputError, RefracalError, brief
 from calib.version import VERSION
 
@@ -59,6 +60,7 @@ def run_command(
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    prepare_streams()
     _spell_plainly()
     if os.environ.get("COLUMNS") == "0":  # a terminal without a size: rich would print nothing
         del os.environ["COLUMNS"]
@@ -66,11 +68,11 @@ def run_command(
     words = list(sys.argv[1:] if argv is None else argv)
     if words[:1] == ["help"]:  # as git has it
         words = [*words[1:], "--help"]
-    if not words:
-        parser.print_help()
-        print_error(program, f"name a COMMAND; {program} COMMAND --help explains it.")
-        parser.exit(2)
     try:
+        if not words:
+            parser.print_help()
+            print_error(program, f"name a COMMAND; {program} COMMAND --help explains it.")
+            parser.exit(2)
         args = parser.parse_args(words)
         args.words = list(words)
         _check_current_folder()

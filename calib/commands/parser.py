@@ -3,12 +3,13 @@
 import argparse
 import copy
 import re
+import sys
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from types import ModuleType
-from typing import Any, NoReturn
+from typing import IO, Any, NoReturn
 
 from calib.commands.printing import print_error
 from calib.errors import RefracalError, brief, harmless, meant
@@ -151,6 +152,10 @@ class Parser(argparse.ArgumentParser):
                 shown.metavar = action.metavar or (action.dest.upper() if action.choices else None)
                 return shown
         return None
+
+    def _print_message(self, message: str, file: IO[str] | None = None) -> None:  # type: ignore[override]
+        """Print a text at once. Unlike that of argparse, a disk that is full raises OSError."""
+        print(message, end="", file=file or sys.stderr, flush=True)
 
     def error(self, message: str) -> NoReturn:
         """Print the message alone, and where the options are explained. An argument may hold any

@@ -11,6 +11,7 @@ import shlex
 import subprocess
 import sys
 from contextlib import redirect_stdout
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -379,7 +380,7 @@ def test_sixteen_bits_are_not_clipped_into_eight(
         f"{name} holds 16-bit pixels, which a {Path(name).suffix.lower()} cannot"
         in capsys.readouterr().err
     )
-    assert list((tmp_path / "flat").iterdir()) == []
+    assert not (tmp_path / "flat").exists()
 
 
 def test_unreadable_pictures_are_one_sentence(
@@ -486,6 +487,41 @@ def test_a_result_that_cannot_be_printed_is_one_sentence(
         "calib: error: the result cannot be printed (No space left on device): send stdout to"
         " another place.\n"
     )
+
+
+@pytest.mark.parametrize("words", [(), ("--help",), ("--version",), ("pose", "--help")])
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has such a disk")
+def test_help_that_cannot_be_printed_is_one_sentence(words: tuple[str, ...]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = in_process(words, stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == 2
+    assert done.stderr.startswith("calib: error: the result cannot be printed (No space left")
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has such a disk")
+def test_remarks_that_cannot_be_printed_change_nothing(tmp_path: Path) -> None:
+    board = ("board", "--square-mm", "0.1", "-o", str(tmp_path / "board"))
+    with Path("/dev/full").open("w") as full:
+        assert in_process(("fit", "no"), stdout=subprocess.PIPE, stderr=full).returncode == 2
+        assert in_process(board, stdout=subprocess.PIPE, stderr=full).returncode == 0
+
+
+def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
+    """The next file that is opened would have the number of the closed one."""
+    code = (
+        "import os, sys; from calib.cli import main; code = main(['init', sys.argv[1]]);"
+        "os.write(2, b'of a library'); os._exit(code)"
+    )
+    for closed in ([2], [0, 1, 2]):
+        folder = tmp_path / str(len(closed))
+        done = subprocess.run(
+            [sys.executable, "-c", code, str(folder)],
+            check=False,
+            preexec_fn=partial(lambda numbers: [os.close(number) for number in numbers], closed),
+        )
+        assert done.returncode == 0
+        assert "of a library" not in (folder / "session.yaml").read_text()
 
 
 def test_a_command_in_a_removed_folder_says_so(
