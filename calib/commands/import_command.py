@@ -191,11 +191,20 @@ def run(args: argparse.Namespace) -> None:
         raise InputError(f"{args.path}: give {SINGLE_FILES[args.source]}, not a folder.")
     draft = _with_intrinsics(_draft(args), args)
     count = write_session(draft, args.output)
-    for notice in draft.notices:
+    end = _describe_end(args) if args.source == "video" else ()
+    for notice in (*draft.notices, *end):
         print_remark(notice)
     contents = counted(count, "view" if draft.views else "picture")
     advice = f"calibrate it with calib fit {shell_path(args.output)}"
     print(harmless(f"{args.output} has {contents}: {advice}"))
+
+
+def _describe_end(args: argparse.Namespace) -> tuple[str, ...]:
+    """Return a sentence if the imported video breaks off."""
+    from calib.importing.from_video import describe_end
+    from calib.io.images import session_pictures
+
+    return describe_end(args.path, int(session_pictures(args.output)[-1].stem))
 
 
 def _run_rig(args: argparse.Namespace) -> None:

@@ -335,6 +335,11 @@ def test_a_video_that_breaks_off_is_said_to(
     err = capsys.readouterr().err
     assert ("breaks off" in err) == bool(says)
     assert says in err
+    imported = film.parent / "imported"
+    assert main(["import", "video", str(film), *BOARD, "-o", str(imported)]) == 0
+    err = capsys.readouterr().err
+    assert ("breaks off" in err) == bool(says)
+    assert says in err
 
 
 @pytest.mark.parametrize("source", ["photos", pytest.param("film", marks=pytest.mark.slow)])
