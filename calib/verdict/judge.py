@@ -110,7 +110,7 @@ def judge(
     depths = tuple(dict.fromkeys(depths))
     commands = NextCommands.of(calibration, folder, session, depths)
     if holdout and commands.held_out and holdout.resolve() == commands.held_out.resolve():
-        commands = replace(commands, held_out=None)  # these views have been evaluated: name others
+        commands = replace(commands, evaluated=True)  # `evaluate` then asks for others
     case = Case(calibration, depths, commands, evaluation, str(holdout or HOLDOUT))
     with single_thread():
         if broken := tuple(not_finite(case)):  # then no other check is possible

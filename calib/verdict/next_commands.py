@@ -45,6 +45,8 @@ class NextCommands:
     """True if there are enough poses of the board for a diagnosis."""
     held_out: Path | None = None
     """The session's folder of pictures that were kept back; None if it has none."""
+    evaluated: bool = False
+    """True if the calibration has been evaluated on `held_out`."""
 
     @staticmethod
     def of(
@@ -136,10 +138,15 @@ class NextCommands:
                 return f"calib fit {NEW_FILM}"
 
     def diagnose(self, *options: str) -> str:
-        """Return the diagnosis, or what comes before it where there are too few views."""
+        """Return the diagnosis, or what comes before it where there are too few views. It compares
+        on the views that the session keeps back unless the options name others.
+        """
         if not self.diagnosable:
             return self.capture()
-        return shell_line("calib", "diagnose", self.folder, *options)
+        held_out: tuple[str | Path, ...] = ()
+        if self.held_out and "--holdout" not in options:
+            held_out = ("--holdout", self.held_out)
+        return shell_line("calib", "diagnose", self.folder, *options, *held_out)
 
     def check(self, session: str) -> str:
         """Return the check by the pictures of a session."""
@@ -149,7 +156,8 @@ class NextCommands:
         """Return the evaluation on other views: those that the session keeps back, else those of a
         session that the user names.
         """
-        return shell_line("calib", "evaluate", self.folder, self.held_out or HOLDOUT)
+        views = None if self.evaluated else self.held_out
+        return shell_line("calib", "evaluate", self.folder, views or HOLDOUT)
 
     def undistort(self, depth: float) -> str:
         """Return the undistortion of the session's pictures for a depth in m."""

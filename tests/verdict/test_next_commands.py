@@ -119,6 +119,10 @@ def test_views_that_the_session_keeps_back_are_evaluated(good: Calibration, tmp_
     assert commands.evaluate() in judge(good, folder=out, session=session).further
     again = judge(good, folder=out, session=session, holdout=held_out)
     assert f"calib evaluate {out} HOLDOUT" in again.further, "these have been evaluated"
+    diagnosis = f"calib diagnose {out} --holdout {held_out}"
+    assert diagnosis in again.further
+    assert diagnosis in judge(good, folder=out, session=session).further
+    assert commands.diagnose("--holdout", "a") == f"calib diagnose {out} --holdout a"
 
 
 def test_views_of_another_program_are_not_recorded() -> None:
