@@ -135,7 +135,7 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> DescribedSessi
         describe_pictures,
         find_pictures,
     )
-    from calib.io.files import read_file
+    from calib.io.files import read_file, reading
     from calib.session.session import read_session
 
     is_described = has_description(args)
@@ -163,7 +163,9 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> DescribedSessi
     cover = cover or dict(earlier.get("cover", {"shape": "none"}))
     intrinsics = intrinsics or earlier.get("intrinsics")
     lens = args.lens or _lens_of(earlier)
-    replaced = read_file(source.session / DESCRIPTION) if source.is_described else None
+    file = source.session / DESCRIPTION
+    with reading(file):  # another fit may have written it in the meantime
+        replaced = read_file(file) if file.is_file() else None
     for notice in describe_pictures(source, board, cover, intrinsics, lens, progress):
         print_remark(notice)
     return DescribedSession(read_session(source.session), replaced)

@@ -162,18 +162,19 @@ def run(args: argparse.Namespace) -> None:
 @contextmanager
 def _naming_description(session: Path, earlier: bytes | None, *, written: bool) -> Iterator[None]:
     """If the fit fails, say that the session.yaml that the options gave remains; or write the
-    earlier one again, if a fit with it has worked.
+    earlier one again, if a fit with it has worked or is at work.
     """
     from calib.errors import RefracalError
+    from calib.io.folder_lock import BusyError
     from calib.io.output_folder import OutputFolder
 
     try:
         yield
-    except RefracalError:
+    except RefracalError as error:
         if not written:
             raise
         file = session / "session.yaml"
-        if not (session / "calibration").exists():
+        if not ((session / "calibration").exists() or isinstance(error, BusyError)):
             remark = (
                 f"{file} has what your options say. If that is wrong,"
                 " type the command again with other values."

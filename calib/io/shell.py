@@ -1,5 +1,6 @@
 """Paths and command lines as a person types them in a shell."""
 
+import os
 import shlex
 from pathlib import Path
 
@@ -19,8 +20,19 @@ def path_word(path: Path | str) -> str:
 
 
 def shell_path(path: Path | str) -> str:
-    """Return a path as an argument of a command, quoted for a shell."""
-    return shlex.quote(path_word(path))
+    r"""Return a path as an argument of a command, quoted for a shell. Control characters and bytes
+    that are not UTF-8 stand as escapes in $'...', which bash and zsh understand.
+    """
+    word = path_word(path)
+    if word.isprintable():
+        return shlex.quote(word)
+    escaped = word.replace("\\", "\\\\").replace("'", "\\'")
+    return f"$'{''.join(c if c.isprintable() else _octal(c) for c in escaped)}'"
+
+
+def _octal(character: str) -> str:
+    r"""Return the bytes of a character in the escapes of a shell, such as \012."""
+    return "".join(f"\\{byte:03o}" for byte in os.fsencode(character))
 
 
 def shell_line(*words: Path | str) -> str:

@@ -1,5 +1,6 @@
 """An earlier description: the options that stay, and the file that a failed fit leaves."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 
 from calib.cli import main
 from calib.errors import InputError
+from calib.io.folder_lock import lock
 from calib.session.board import Board
 from calib.session.schema import Number
 from tests.commands.test_described_session import BOARD, described
@@ -94,3 +96,19 @@ def test_a_failed_fit_keeps_the_description_of_a_fit_that_worked(
     assert "session.yaml is as it was before this command" in capsys.readouterr().err
     assert (photos / "session.yaml").read_text() == described_so
     assert main(["fit", str(photos), "--square-mm", "30"]) == 0, "it is calib's own as before"
+
+
+def test_a_fit_that_another_one_keeps_out_changes_no_description(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    described(str(photos), *BOARD)
+    file = photos / "session.yaml"
+    text = file.read_text()
+    out = tmp_path / "out"
+    out.mkdir()
+    held = lock(out)
+    assert held is not None
+    assert main(["fit", str(photos), "--square-mm", "40", "-o", str(out)]) == 2
+    assert "session.yaml is as it was before this command" in capsys.readouterr().err
+    assert file.read_text() == text
+    os.close(held)

@@ -1,6 +1,8 @@
 """Printed commands can be typed, whatever their paths are called."""
 
+import os
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -45,3 +47,14 @@ def test_every_printed_path_is_quoted_in_one_place() -> None:
             name = file.relative_to(ROOT).as_posix()
             if name not in EXCEPTIONS:
                 assert not quoting.search(file.read_text(encoding="utf-8")), name
+
+
+@pytest.mark.parametrize(
+    "name", ["new\nline", "it's\t\\", "\udcff\udcfe", "no\u00a0break", "-\n", "plain", "it's"]
+)
+def test_a_shell_reads_every_name(name: str) -> None:
+    word = shell_path(name)
+    assert word.isprintable()
+    bash = ["bash", "-c", f"printf %s {word}"]
+    printed = subprocess.run(bash, capture_output=True, check=True).stdout
+    assert printed.removeprefix(b"./") == os.fsencode(name)
