@@ -64,11 +64,11 @@ def run_command(
     _spell_plainly()
     if os.environ.get("COLUMNS") == "0":  # a terminal without a size: rich would print nothing
         del os.environ["COLUMNS"]
-    parser = _parser(program, description, commands, groups, epilog)
     words = list(sys.argv[1:] if argv is None else argv)
     if words[:1] == ["help"]:  # as git has it
         words = [*words[1:], "--help"]
     try:
+        parser = _parser(program, description, commands, groups, epilog)
         if not words:
             parser.print_help()
             print_error(program, f"name a COMMAND; {program} COMMAND --help explains it.")

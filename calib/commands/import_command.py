@@ -9,6 +9,7 @@ from calib.commands.arguments import add_camera, add_output, millimetres, whole_
 from calib.commands.board_options import add_coding, board_from_options
 from calib.commands.cover_options import add_intrinsics, intrinsics_from_options
 from calib.commands.printing import print_remark
+from calib.commands.termination import exit_on_termination
 from calib.errors import InputError, harmless
 from calib.io.numerals import counted
 from calib.io.shell import shell_path
@@ -190,7 +191,8 @@ def run(args: argparse.Namespace) -> None:
     if args.source in SINGLE_FILES and args.path.is_dir():
         raise InputError(f"{args.path}: give {SINGLE_FILES[args.source]}, not a folder.")
     draft = _with_intrinsics(_draft(args), args)
-    count = write_session(draft, args.output)
+    with exit_on_termination():
+        count = write_session(draft, args.output)
     end = _describe_end(args) if args.source == "video" else ()
     for notice in (*draft.notices, *end):
         print_remark(notice)
@@ -212,7 +214,8 @@ def _run_rig(args: argparse.Namespace) -> None:
     from calib.rig.imported_rig import write_rig
 
     rig = import_rig(args.path, board_from_options(args), args.pictures)
-    count = write_rig(rig, args.output)
+    with exit_on_termination():
+        count = write_rig(rig, args.output)
     for name, session in rig.sessions.items():
         for notice in session.notices:
             print_remark(f"{name}: {notice}")

@@ -18,6 +18,7 @@ from calib.commands.arguments import (
 )
 from calib.commands.loading import fast_imports
 from calib.commands.printing import print_remark
+from calib.commands.termination import exit_on_termination
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -127,7 +128,7 @@ def run(args: argparse.Namespace) -> None:
     depths = [args.depth] if args.depth is not None else []
     for note in describe_all(calibration, depths):
         print_remark(note)
-    with Bars() as bars:
+    with exit_on_termination(), Bars() as bars:
         paths, cut_off, remark = (_straighten_bag if bags else _straighten_files)(
             args, calibration, bars
         )

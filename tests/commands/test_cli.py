@@ -8,6 +8,7 @@ import math
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 from contextlib import redirect_stdout
@@ -522,6 +523,24 @@ def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
         )
         assert done.returncode == 0
         assert "of a library" not in (folder / "session.yaml").read_text()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_stopped_import_leaves_nothing(tmp_path: Path, number: int) -> None:
+    """The pictures are in a folder of another name until all of them are there."""
+    (tmp_path / "photos").mkdir()
+    for name in ("0", "1"):
+        cv2.imwrite(str(tmp_path / "photos" / f"{name}.png"), np.full((48, 64), 99, np.uint8))
+    code = (
+        "import os, sys, calib.importing.session_draft as draft; from calib.cli import main;"
+        f"draft._fill = lambda *_: os.kill(os.getpid(), {int(number)});"
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    options = ("--board", "9x6", "--square-mm", "25", "-o", str(tmp_path / "new"))
+    words = ("import", "images", str(tmp_path / "photos"), *options)
+    done = subprocess.run([sys.executable, "-c", code, *words], check=False)
+    assert done.returncode == 128 + number
+    assert [path.name for path in tmp_path.iterdir()] == ["photos"]
 
 
 def test_a_command_in_a_removed_folder_says_so(
