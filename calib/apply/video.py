@@ -10,7 +10,15 @@ import numpy as np
 from calib.apply.undistorter import Undistorter
 from calib.errors import InputError
 from calib.io.output_folder import OutputFolder
-from calib.io.videos import CODECS, VIDEOS, breaks_off, convert_command, open_video, promised_frames
+from calib.io.videos import (
+    CODECS,
+    VIDEOS,
+    breaks_off,
+    convert_command,
+    open_video,
+    promised_frames,
+    stored_frames,
+)
 from calib.progress import Progress
 
 
@@ -72,6 +80,7 @@ def straighten_video(
                 f"{path} holds no frame that can be decoded: replace it, or convert it by"
                 f" {convert_command(path)}"
             )
+        _check_stored(temporary, target, frames)
         written = output.take(temporary, target.name)
         if breaks_off(frames, promised):
             return written, (
@@ -88,3 +97,15 @@ def straighten_video(
         writer.release()
         with suppress(OSError):
             temporary.unlink()
+
+
+def _check_stored(temporary: Path, target: Path, frames: int) -> None:
+    """Check that all frames are on the disk: OpenCV's writer does not say that a disk is full.
+    InputError if some are not.
+    """
+    stored = stored_frames(temporary)
+    if stored < frames:
+        raise InputError(
+            f"{target} cannot be written, the disk took {stored} of {frames} frames: free some"
+            " space there, or choose another folder."
+        )

@@ -46,6 +46,18 @@ def convert_command(path: Path) -> str:
     return shell_line("ffmpeg", "-i", path, path.with_name(name))
 
 
+def stored_frames(path: Path) -> int:
+    """Return the number of frames that a video's file has, which are not decoded; 0 if it cannot be
+    opened.
+    """
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+    frames = 0
+    while video.grab():
+        frames += 1
+    video.release()
+    return frames
+
+
 def breaks_off(frames: int, promised: int) -> bool:
     """True if the frames are fewer than the header promises, beyond the error of an estimate."""
     return frames < (1 - ESTIMATE) * promised - 1

@@ -1,6 +1,7 @@
 """Straightened files: pictures are in test_cli.py; here videos, depth images and crops."""
 
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -184,6 +185,26 @@ def test_a_truncated_video_is_straightened_up_to_its_end(
     frames = int(cv2.VideoCapture(str(out / "v.avi")).get(cv2.CAP_PROP_FRAME_COUNT))
     assert 15 < frames < 25
     assert f"v.avi breaks off after {frames} of 60 frames, which were straightened" in captured.err
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".avi", ".mkv"])
+def test_a_video_on_a_full_disk_is_an_error_and_leaves_the_earlier_one(
+    folder: Path, tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """OpenCV's writer says nothing of it. A file of at most 4 KB stands for the disk."""
+    video = write_video(tmp_path / f"v{suffix}", "MJPG" if suffix == ".avi" else "mp4v")
+    arguments = (video, "--depth", "0.5", "-o", tmp_path / "out")
+    assert run(folder, *arguments) == 0
+    earlier = (tmp_path / "out" / video.name).read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    try:
+        assert run(folder, *arguments) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert f"v{suffix} cannot be written, the disk took " in capfd.readouterr().err
+    assert (tmp_path / "out" / video.name).read_bytes() == earlier
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {video.name, LEDGER}
 
 
 def test_a_video_of_a_type_that_is_not_read_is_converted_first(
