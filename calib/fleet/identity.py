@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from calib.calibration_file import FILES
+from calib.errors import InputError
 from calib.fit_record.request import Settings
 from calib.fleet.manifest import Entry
 from calib.fleet.places import faraway, is_remote
@@ -68,9 +69,7 @@ class Identity:
             return Identity(settings, listing, previous.contents)
         if is_remote(entry.session):
             return Identity(settings, listing, "")
-        digests = [
-            (name, sha256(read_file(Path(entry.session) / name)).hexdigest()) for name, *_ in listed
-        ]
+        digests = [(name, _digest(Path(entry.session) / name)) for name, *_ in listed]
         return Identity(settings, listing, _hash(digests))
 
     def same(self, current: Identity) -> bool:
@@ -119,6 +118,16 @@ def _fleet_prior(session: str) -> list[str]:
     name = read_yaml(file).get(PRIOR_KEY)
     place = Path(session) / name if isinstance(name, str) else None
     return [sha256(read_file(place)).hexdigest()] if place and place.is_file() else []
+
+
+def _digest(path: Path) -> str:
+    """Return the hash of a file; "" if it cannot be read, such as a link to nothing: the fit leaves
+    such a picture out.
+    """
+    try:
+        return sha256(read_file(path)).hexdigest()
+    except InputError:
+        return ""
 
 
 def _hash(document: object) -> str:

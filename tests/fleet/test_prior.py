@@ -277,3 +277,14 @@ def test_a_camera_is_done_again_when_its_prior_has_changed(prior: Path, tmp_path
     own_prior.write_text(prior.read_text().replace("cameras: 6", "cameras: 7"))
     assert first_identity.same(second_identity)
     assert not first_identity.same(Identity.of(entry, FleetOptions(SETTINGS)))
+
+
+def test_a_link_to_nothing_among_the_pictures_stops_no_camera(tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    entry = Entry("A", str(tmp_path))
+    picture = tmp_path / "frames" / "0.png"
+    picture.write_bytes(b"a picture")
+    (tmp_path / "frames" / "1.png").symlink_to("1.png")
+    identity = Identity.of(entry, FleetOptions(SETTINGS))
+    picture.write_bytes(b"another one")
+    assert not identity.same(Identity.of(entry, FleetOptions(SETTINGS)))
