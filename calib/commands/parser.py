@@ -153,7 +153,9 @@ class Parser(argparse.ArgumentParser):
                 return shown
         return None
 
-    def _print_message(self, message: str, file: IO[str] | None = None) -> None:  # type: ignore[override]
+    def _print_message(  # type: ignore[override]
+        self, message: str, file: IO[str] | None = None
+    ) -> None:
         """Print a text at once. Unlike that of argparse, a disk that is full raises OSError."""
         print(message, end="", file=file or sys.stderr, flush=True)
 

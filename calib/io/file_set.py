@@ -31,7 +31,7 @@ from typing import Self
 
 from calib.errors import InputError
 from calib.io.files import UnnamedFile, check_writable, make_folder, read_file, unwritable
-from calib.io.folder_lock import UNSUPPORTED_ERRORS, lock
+from calib.io.folder_lock import UNSUPPORTED_ERRORS, lock_folder
 from calib.io.output_folder import ANOTHER_FOLDER, LEDGER, Content, OutputFolder
 
 HIDDEN = ".refracal-set"
@@ -95,7 +95,7 @@ class FileSet:
         if not os.path.lexists(self.folder):
             self._stack.callback(_remove_empty, self.folder)
         make_folder(self.folder)
-        handle = lock(self.folder)
+        handle = lock_folder(self.folder)
         if handle is not None:
             self._stack.callback(os.close, handle)
         try:
@@ -239,7 +239,7 @@ def finish_change(folder: Path) -> None:
     end = time.monotonic() + PATIENCE_S
     while _is_hidden_set(folder / HIDDEN):
         with suppress(OSError, InputError):
-            handle = lock(folder)
+            handle = lock_folder(folder)
             try:
                 if handle is not None or _state(folder / HIDDEN) is State.MOVING:
                     _finish_change(folder)  # else a writer may be at work, unnoticed

@@ -22,7 +22,7 @@ class BusyError(InputError):
     """The error of a folder to which another process writes."""
 
 
-def lock(folder: Path, announce_wait: Callable[[], None] | None = None) -> int | None:
+def lock_folder(folder: Path, announce_wait: Callable[[], None] | None = None) -> int | None:
     """Return a handle that locks the folder until it is closed or this process ends; None if the
     disk has no locks.
 
@@ -70,7 +70,7 @@ def hold_folder(folder: Path, announce_wait: Callable[[], None]) -> Iterator[Non
     is_new = not os.path.lexists(folder)
     make_folder(folder)
     try:
-        handle = lock(folder, announce_wait)
+        handle = lock_folder(folder, announce_wait)
         try:
             yield
         finally:

@@ -17,7 +17,7 @@ from calib.cli import main
 from calib.errors import InputError
 from calib.importing.from_video import sharpest_frames
 from calib.io.depth_image import depth_image_for, read_depth_image
-from calib.io.folder_lock import lock
+from calib.io.folder_lock import lock_folder
 from calib.io.output_folder import LEDGER, OutputFolder
 from calib.progress import Silent
 from fixtures.known import known
@@ -395,7 +395,7 @@ def test_two_commands_at_once_take_turns_and_replace_nothing_of_each_other(
     command = [sys.executable, "-m", "calib", "undistort", str(folder / "calibration")]
     options = ["--depth", "0.5", "-o", str(out)]
     out.mkdir()
-    held = lock(out)
+    held = lock_folder(out)
     assert held is not None
     waiting = [
         subprocess.Popen(
@@ -408,7 +408,8 @@ def test_two_commands_at_once_take_turns_and_replace_nothing_of_each_other(
         assert "another calib writes to" in process.stderr.readline()
     OutputFolder(out).write("a.png", b"of the one that was first")
     os.close(held)
-    (_, sentence), (_, remarks) = (process.communicate() for process in waiting)
+    sentence = waiting[0].communicate()[1]
+    remarks = waiting[1].communicate()[1]
     assert [process.returncode for process in waiting] == [2, 0], remarks
     assert f"Another calib has written {out / 'a.png'} since this one began: give" in sentence
     assert (out / "a.png").read_bytes() == b"of the one that was first"

@@ -8,7 +8,7 @@ import pytest
 
 from calib.cli import main
 from calib.errors import InputError
-from calib.io.folder_lock import lock
+from calib.io.folder_lock import lock_folder
 from calib.session.board import Board
 from calib.session.schema import Number
 from tests.commands.test_described_session import BOARD, described
@@ -106,7 +106,7 @@ def test_a_fit_that_another_one_keeps_out_changes_no_description(
     text = file.read_text()
     out = tmp_path / "out"
     out.mkdir()
-    held = lock(out)
+    held = lock_folder(out)
     assert held is not None
     assert main(["fit", str(photos), "--square-mm", "40", "-o", str(out)]) == 2
     assert "session.yaml is as it was before this command" in capsys.readouterr().err

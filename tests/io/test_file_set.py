@@ -203,7 +203,7 @@ def test_a_reader_who_may_not_write_reads_the_set_in_force(
     (folder / HIDDEN / NEW / "a").write_text("new a")
     (folder / HIDDEN / CURRENT).write_text("{}")
     monkeypatch.setattr(
-        "calib.io.file_set.lock",
+        "calib.io.file_set.lock_folder",
         lambda _: (_ for _ in ()).throw(PermissionError(errno.EACCES, "no")),
     )
     monkeypatch.setattr("os.access", lambda *_: False)
