@@ -11,9 +11,11 @@ import shlex
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from contextlib import redirect_stdout
 from functools import partial
 from pathlib import Path
+from typing import IO
 
 import cv2
 import numpy as np
@@ -508,6 +510,11 @@ def test_remarks_that_cannot_be_printed_change_nothing(tmp_path: Path) -> None:
         assert in_process(board, stdout=subprocess.PIPE, stderr=full).returncode == 0
 
 
+def close_all(numbers: Sequence[int]) -> None:
+    for number in numbers:
+        os.close(number)
+
+
 def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
     """The next file that is opened would have the number of the closed one."""
     code = (
@@ -519,7 +526,7 @@ def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
         done = subprocess.run(
             [sys.executable, "-c", code, str(folder)],
             check=False,
-            preexec_fn=partial(lambda numbers: [os.close(number) for number in numbers], closed),
+            preexec_fn=partial(close_all, closed),
         )
         assert done.returncode == 0
         assert "of a library" not in (folder / "session.yaml").read_text()
@@ -554,7 +561,7 @@ def test_a_command_in_a_removed_folder_says_so(
 
 
 def in_process(
-    words: tuple[str, ...], encoding: str = "utf-8", **pipes: int
+    words: tuple[str, ...], encoding: str = "utf-8", **pipes: int | IO[str]
 ) -> subprocess.CompletedProcess[str]:
     env = {**os.environ, "PYTHONIOENCODING": encoding}
     command = [sys.executable, "-m", "calib", *words]
