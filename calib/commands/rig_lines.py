@@ -13,6 +13,7 @@ from calib.io.numerals import counted
 from calib.rig.central_rig import CentralRig
 from calib.rig.depth import DepthPicture
 from calib.rig.evaluate_rig import RigEvaluation
+from calib.rig.feature_matches import FeatureMatches, PairAgreement
 from calib.rig.rectify import RectifiedPair
 from calib.rig.rig import Rig
 from calib.rig.rig_content import RejectedView
@@ -175,14 +176,21 @@ def print_rows(pair: RectifiedPair) -> None:
 def depth_json(picture: DepthPicture) -> dict[str, object]:
     """Return the JSON object of a depth picture."""
     measured = np.isfinite(picture.depth)
+    features = {
+        "swapped": picture.is_swapped,
+        "features": {
+            "matches": picture.features.matches,
+            "agreeing": picture.features.agreeing,
+            "agreement": picture.features.agreement.value,
+        },
+    }
     if not measured.any():
-        return {"pixels": 0, "swapped": picture.is_swapped}
-    return {
+        return {"pixels": 0} | features
+    return features | {
         "pixels": int(measured.sum()),
         "fraction": float(measured.mean()),
         "median_m": float(np.median(picture.depth[measured])),
         "median_sigma_m": float(np.median(picture.sigma[measured])),
-        "swapped": picture.is_swapped,
     }
 
 
@@ -190,12 +198,7 @@ def print_depth(picture: DepthPicture) -> None:
     """Print how many pixels of a depth picture have a depth, and how sure these are."""
     measured = np.isfinite(picture.depth)
     console = Console()
-    if picture.is_swapped:
-        _print(
-            console,
-            "The pictures match better in the other order: do not use these depths, and give the"
-            " picture of the left camera first.",
-        )
+    _print_agreement(console, picture.features)
     if not measured.any():
         _print(console, "No pixel has a match: search other depths, or light the scene.")
         return
@@ -206,6 +209,22 @@ def print_depth(picture: DepthPicture) -> None:
         f"{100 * measured.mean():.0f} % of the pixels have a depth, in the middle"
         f" {with_sigma(depth, sigma)} m.",
     )
+
+
+def _print_agreement(console: Console, features: FeatureMatches) -> None:
+    """Print whether the two pictures of a pair belong together, unless they do."""
+    share = f"Of {features.matches} points that look alike in both pictures, {features.agreeing}"
+    sentences = {
+        PairAgreement.SWAPPED: f"{share} agree with the rig, and {features.agreeing_swapped} in the"
+        " other order: do not use these depths, and give the picture of the left camera first.",
+        PairAgreement.DISAGREES: f"{share} agree with the rig: do not use these depths. The"
+        " pictures are not of the same moment, or a camera has moved since the calibration (test"
+        " it: calib rig check).",
+        PairAgreement.UNDECIDED: "Too few points look alike in both pictures"
+        f" ({features.matches}) to test whether the pictures belong together.",
+    }
+    if features.agreement in sentences:
+        _print(console, sentences[features.agreement])
 
 
 def misfits_json(rig: CentralRig) -> dict[str, object]:

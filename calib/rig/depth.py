@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from calib.errors import InputError
+from calib.rig.feature_matches import FeatureMatches, PairAgreement, match_features
 from calib.rig.rectify import Map, RectifiedPair
 from calib.rig.rig import Rig
 from calib.undistortion.remap import remap
@@ -30,14 +31,6 @@ MATCH_NOISE_PX = 0.25
 """px: the standard deviation of a match, from OpenCV's interpolation of disparities, which it gives
 in sixteenths.
 """
-FEW_MATCHES = 0.5
-"""The share of pixels below which the two pictures may be in the wrong order."""
-MORE_MATCHES = 1.2
-"""By how many times more pixels must match in the other order for it to be the right one: a little
-more than in pictures of noise.
-"""
-MIN_MATCHES = 0.05
-"""The share of pixels that the other order must match: black pictures match at their border."""
 SIGMA_POINTS = 2000
 """Matches at which sigma is computed; the others take that of the nearest one, scaled by the square
 of the depth.
@@ -56,8 +49,13 @@ class DepthPicture:
     """(height, width) m, its standard deviation, from the match's noise and the calibration."""
     points: Array
     """(N, 3) m, the matches in the reference's frame, row by row."""
-    is_swapped: bool = False
-    """True if the pictures match better in the other order."""
+    features: FeatureMatches
+    """Whether the two pictures belong together."""
+
+    @property
+    def is_swapped(self) -> bool:
+        """True if the pictures match in the other order."""
+        return self.features.agreement is PairAgreement.SWAPPED
 
 
 def depth_picture(
@@ -93,12 +91,8 @@ def depth_picture(
             f"Both pictures are the same: give one of {pair.names[0]} and one of {pair.names[1]},"
             " taken at the same time."
         )
-    disparity = _match(pictures, pair, depths)
-    is_swapped = False
-    share = np.isfinite(disparity).mean()
-    if share < FEW_MATCHES and pictures[0].shape == pictures[1].shape:
-        swapped_share = np.isfinite(_match(pictures[::-1], pair, depths)).mean()
-        is_swapped = bool(swapped_share > max(MIN_MATCHES, MORE_MATCHES * share))
+    eight_bits = _eight_bits(pictures[0]), _eight_bits(pictures[1])
+    disparity = _match(eight_bits, pair, depths)
     rows, columns = np.nonzero(np.isfinite(disparity))
     shape = disparity.shape
     depth = np.full(shape, np.nan, np.float32)
@@ -124,19 +118,23 @@ def depth_picture(
         relative_sigma[rows[sample], columns[sample]] = relative
         nearest = _nearest(relative_sigma)
         sigma = np.where(np.isfinite(depth), nearest * depth**2, np.nan).astype(np.float32)
-    return DepthPicture(depth, sigma, points[is_matched], is_swapped)
+    features = match_features(rig, pair.names, eight_bits)
+    return DepthPicture(depth, sigma, points[is_matched], features)
+
+
+def _eight_bits(picture: NDArray) -> NDArray[np.uint8]:
+    return picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
 
 
 def _match(
-    pictures: Sequence[NDArray], pair: RectifiedPair, depths: tuple[float, float]
+    pictures: Sequence[NDArray[np.uint8]], pair: RectifiedPair, depths: tuple[float, float]
 ) -> NDArray[np.float32]:
     """Return the (height, width) px by which each pixel of the first rectified picture lies farther
     right than its match in the second; NaN without one.
     """
-    rectified: list[NDArray] = []
+    rectified: list[NDArray[np.uint8]] = []
     for picture, (map_x, map_y) in zip(pictures, pair.maps, strict=True):
-        eight_bits = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
-        rectified.append(remap(eight_bits, map_x, map_y, cv2.INTER_CUBIC, cv2.BORDER_CONSTANT))
+        rectified.append(remap(picture, map_x, map_y, cv2.INTER_CUBIC, cv2.BORDER_CONSTANT))
     near, far = depths
     lowest = int(np.floor(pair.focal * pair.baseline / far)) - 1
     highest = int(np.ceil(pair.focal * pair.baseline / near)) + 1

@@ -10,9 +10,12 @@ import torch
 from numpy.typing import NDArray
 
 from calib.cli import main
+from calib.commands.rig_lines import depth_json, print_depth
 from calib.errors import InputError
+from calib.rig import feature_matches as feature_module
 from calib.rig import rectify as module
-from calib.rig.depth import depth_picture
+from calib.rig.depth import DepthPicture, depth_picture
+from calib.rig.feature_matches import FeatureMatches, PairAgreement, match_features
 from calib.rig.rectify import RectifiedPair, rectify
 from calib.rig.rig import Rig
 from calib.rig.rig_geometry import placed_cameras
@@ -97,7 +100,7 @@ def test_a_depth_picture_of_a_wall(small: Rig) -> None:
     pair = rectify(small, ("left", "right"), 0.67, depths)
     first, second = wall_pictures(small)
     picture = depth_picture(small, pair, (first, second), depths)
-    assert not picture.is_swapped
+    assert picture.features.agreement is PairAgreement.AGREES
     assert depth_picture(small, pair, (second, first), depths).is_swapped
     measured = np.isfinite(picture.depth)
     assert measured.mean() > 0.4
@@ -109,16 +112,56 @@ def test_a_depth_picture_of_a_wall(small: Rig) -> None:
     assert 0.1 < np.median(np.abs(normalised)) < 2
 
 
-def test_black_pictures_are_not_in_the_wrong_order(small: Rig) -> None:
-    """Their few matches are chance, in whichever order there are more."""
-    depths = 0.3, 0.45
-    pair = rectify(small, ("left", "right"), 0.67, depths)
+def test_features_reveal_pictures_that_do_not_belong_together(small: Rig) -> None:
+    """Negative control: the pictures in their order agree with the rig."""
+    names = "left", "right"
+    first, second = wall_pictures(small)
     black = np.zeros((HEIGHT, WIDTH), np.uint8)
-    dark = np.ones((HEIGHT, WIDTH), np.uint8)
-    for pictures in ((black, dark), (dark, black)):
-        picture = depth_picture(small, pair, pictures, depths)
-        assert np.isfinite(picture.depth).mean() < 0.02
-        assert not picture.is_swapped
+    for pictures, agreement in (
+        ((first, second), PairAgreement.AGREES),
+        ((second, first), PairAgreement.SWAPPED),
+        ((first, np.roll(second, 40, axis=0)), PairAgreement.DISAGREES),
+        ((first, black), PairAgreement.UNDECIDED),
+    ):
+        features = match_features(small, names, pictures)
+        assert features.agreement is agreement, features
+        if agreement is PairAgreement.AGREES:
+            assert features.agreeing > 0.9 * features.matches > 100
+            assert features.agreeing_swapped < 0.05 * features.matches
+
+
+def test_features_of_large_pictures_are_where_the_picture_has_them() -> None:
+    """Features are sought in a reduced picture; their places are those of the large one."""
+    rng = np.random.default_rng(0)
+    texture = cv2.GaussianBlur(rng.uniform(0, 255, (600, 900)).astype(np.float32), (0, 0), 3.0)
+    small_picture = cv2.normalize(texture, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+    large = cv2.resize(small_picture, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
+    first, second = feature_module._matching_features(small_picture, large)
+    assert len(first) > 100
+    offset = (second + 0.5) / 3 - 0.5 - first
+    assert np.abs(np.median(offset, axis=0)).max() < 0.03
+    assert np.median(np.abs(offset)) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("features", "sentence"),
+    [
+        (FeatureMatches(68, 42, 0), None),
+        (FeatureMatches(68, 0, 42), "0 agree with the rig, and 42 in the other order"),
+        (FeatureMatches(40, 0, 1), "not of the same moment, or a camera has moved"),
+        (FeatureMatches(3, 0, 0), "Too few points look alike in both pictures (3)"),
+    ],
+)
+def test_the_command_doubts_pictures_that_do_not_belong_together(
+    features: FeatureMatches, sentence: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    depth = np.full((2, 2), 0.7, np.float32)
+    picture = DepthPicture(depth, 0.01 * depth, np.zeros((4, 3)), features)
+    print_depth(picture)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "100 % of the pixels have a depth" in printed
+    assert sentence in printed if sentence else "alike" not in printed
+    assert depth_json(picture)["swapped"] == (features.agreeing_swapped > 1)
 
 
 def test_a_picture_of_another_size_is_refused(small: Rig, rectified: RectifiedPair) -> None:
