@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -17,6 +18,8 @@ MIN_PAIRED = 3
 """The fewest pictures that a shift of the clock must pair: any two times differ by something."""
 MIN_FRACTION = 0.8
 """The fraction of the camera's pictures that it must pair."""
+MAX_DELAY_S = 0.1
+"""A camera may expose so much later than another, s; a larger difference is that of clocks."""
 
 
 def describe_clock_shift(
@@ -40,16 +43,26 @@ def describe_clock_shift(
             shift, count = constant_shift(times, _times(views[partner]), rig.tolerance_s)
             if count < max(MIN_PAIRED, MIN_FRACTION * len(times)):
                 continue
-            order, verb = ("later", "subtract") if shift > 0 else ("earlier", "add")
-            preposition = "from" if shift > 0 else "to"
+            order = "later" if shift > 0 else "earlier"
             subject = "all" if count == len(times) else f"{count} of the"
             return (
                 f"No picture of {name} shows the board at the same moment as a picture of another"
                 f" camera, but {subject} {len(times)} times of {name} are {abs(shift):.3f} s"
-                f" {order} than times of {partner}: {verb} {abs(shift):.3f} {preposition} time_s in"
-                f" {rig.sessions[name].path / 'frames.csv'} if its clock was off."
+                f" {order} than times of {partner}: {_remedy(rig, name, shift)}"
             )
     return ""
+
+
+def _remedy(rig: RigDescription, name: str, shift: float) -> str:
+    """Return what to do about a camera whose times are late by a shift, s."""
+    verb = "subtract" if shift > 0 else "add"
+    preposition = "from" if shift > 0 else "to"
+    file = rig.sessions[name].path / "frames.csv"
+    correction = f"{verb} {abs(shift):.3f} {preposition} time_s in {file} if its clock was off."
+    if abs(shift) > MAX_DELAY_S or rig.tolerance_s is None:
+        return correction
+    tolerance_ms = math.ceil(1000 * (abs(shift) + rig.tolerance_s))
+    return f"write tolerance_ms: {tolerance_ms} in {rig.file}, or {correction}"
 
 
 def constant_shift(times: Array, partner_times: Array, tolerance_s: float) -> tuple[float, int]:

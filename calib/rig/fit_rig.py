@@ -41,6 +41,7 @@ from calib.rig.shared_cover import (
     share_cover,
     with_joined_relief,
 )
+from calib.session.session import Session
 from calib.threads import single_thread
 
 INCONSISTENT = "the board does not stand where the other cameras see it at that moment"
@@ -68,7 +69,9 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
         else session
         for name, session in description.sessions.items()
     }
-    calibrations = {name: fit(session, settings, progress) for name, session in sessions.items()}
+    calibrations = {
+        name: _fit_camera(name, session, settings, progress) for name, session in sessions.items()
+    }
     rejected = [
         RejectedView(name, view.name, view.reason)
         for name, calibration in calibrations.items()
@@ -92,7 +95,7 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
         views[name] = tuple(v for v, use in zip(views[name], usable, strict=True) if use)
     changed = [name for name in calibrations if name in turned or start.inconsistent[name].any()]
     for name in changed:
-        calibrations[name] = fit(sessions[name], settings, progress, views=views[name])
+        calibrations[name] = _fit_camera(name, sessions[name], settings, progress, views[name])
     if changed:
         with single_thread():
             start, placements = _start(description, calibrations)
@@ -126,6 +129,20 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
             names,
             record,
         )
+
+
+def _fit_camera(
+    name: str,
+    session: Session,
+    settings: Settings,
+    progress: Progress,
+    views: Sequence[View] | None = None,
+) -> Calibration:
+    """Return the calibration of one camera by itself."""
+    try:
+        return fit(session, settings, progress, views=views)
+    except NotEnoughDataError as error:
+        raise NotEnoughDataError(f"{name}: {error}") from None
 
 
 def _start(

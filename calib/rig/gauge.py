@@ -107,4 +107,5 @@ def _corner_errors(camera: PlacedCamera, pixels: Array, points: Array) -> tuple[
     visible = used[:, None, None]
     by_numbers = np.where(visible, jacobian[:, 0] + near * jacobian[:, 1], 0.0)
     by_motion = np.where(visible, motions[:, 0] + near * motions[:, 1], 0.0)
-    return by_numbers.reshape(-1, jacobian.shape[-1]), by_motion.reshape(-1, 6)
+    rows = 2 * len(points)
+    return by_numbers.reshape(rows, jacobian.shape[-1]), by_motion.reshape(rows, 6)

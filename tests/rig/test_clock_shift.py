@@ -38,6 +38,8 @@ def timed(rig: SimulatedRig, shift: float) -> SimulatedRig:
     [
         (SHIFT, "are 3600.123 s later than times of left: subtract 3600.123 from time_s in"),
         (-SHIFT, "are 3600.123 s earlier than times of left: add 3600.123 to time_s in"),
+        (0.008, "later than times of left: write tolerance_ms: 13 in"),
+        (-0.008, "or add 0.008 to time_s in"),
         (0.0, ""),
         (2.0, ""),
     ],

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from calib import Rig as PublicRig
 from calib.corners.corners_file import read_corners, write_corners
 from calib.corners.view import View
-from calib.errors import InputError
+from calib.errors import InputError, NotEnoughDataError
 from calib.fit_record.request import Settings
 from calib.fitting.corner_range import corner_points
 from calib.fitting.fit import fit
@@ -31,11 +31,12 @@ from calib.rig.rig_geometry import placed_cameras
 from calib.rig.rig_storage import rig_arrays
 from calib.rig.triangulation import triangulate_points
 from calib.session.board import Board
+from calib.session.cover import Cover
 from calib.session.session import read_session
 from calib.verdict.verdict import Reason, Trust, Verdict
 from fixtures.rigs import SimulatedRig, simulate_rig
 from fixtures.synthetic import BUMPS, THIN
-from tests.rig.conftest import EVEN
+from tests.rig.conftest import BOARD, EVEN
 
 Array = NDArray[np.float64]
 SHARED_DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
@@ -210,6 +211,24 @@ def test_a_saved_rig_measures_the_same(fitted: Rig, pair: SimulatedRig, tmp_path
     (tmp_path / "out" / "rig_calibration.npz").write_bytes(bytes(rig_arrays(changed_rig)))
     with pytest.raises(InputError, match="do not belong together"):
         Rig.load(path)
+
+
+def test_a_camera_without_a_number_to_estimate(tmp_path: Path) -> None:
+    """Bare cameras with exact intrinsics: their mounting is all that the views tell."""
+    bare = simulate_rig(5, Cover("none", {}), placements=6, amplitude=0.0, exact=True, board=BOARD)
+    rig = fit_rig(bare.write(tmp_path / "rig"), EVEN)
+    assert all(not len(camera.columns) for camera in placed_cameras(rig))
+    true = float(bare.cameras["right"].mounting[3:].norm())
+    (baseline,) = rig.baselines
+    assert abs(baseline.metres - true) < 3 * baseline.sigma < 2e-4
+    rig.save(tmp_path / "saved")
+    assert Rig.load(tmp_path / "saved").baselines[0].sigma == pytest.approx(baseline.sigma)
+
+
+def test_a_camera_with_too_few_views_is_named(pair: SimulatedRig, tmp_path: Path) -> None:
+    views = {**pair.views, "right": pair.views["right"][:2]}
+    with pytest.raises(NotEnoughDataError, match=r"^right: .*needs 3 usable views"):
+        fit_rig(replace(pair, views=views).write(tmp_path / "rig"), EVEN)
 
 
 def test_a_rig_of_one_camera_is_its_calibration(pair_folder: Path, tmp_path: Path) -> None:
