@@ -75,12 +75,12 @@ def test_decoded_points_are_the_renderer_s(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("views", "min_ratio"), [(6, 0.8), (12, 0.5)])
+@pytest.mark.parametrize(("views", "min_ratio"), [(6, 0.8), (12, 0.6)])
 def test_the_maps_of_a_screen_are_the_renderer_s(views: int, min_ratio: float) -> None:
-    """Six poses leave 0.006 px at most over at least 95 % of the picture. Measured: 0.0014 to
-    0.0023 px over all of it, 0.85 of what is predicted, and of twelve poses 0.0009 to 0.0013 px,
-    0.66 of it. Predictions allow for views that scatter more than noise does, here by 1.6. Four
-    other draws of the noise, of six poses, gave 0.85 as well.
+    """Six poses leave 0.006 px at most over at least 95 % of the picture. Measured: 0.0015 to
+    0.0029 px over all of it, 1.03 of what is predicted, and of twelve poses 0.0010 to 0.0015 px,
+    0.75 of it. That of a single session varies: of simulated ones, `python -m benchmarks.point_maps
+    --sessions 10` prints the spread.
     """
     truth = FIXTURES / "screen-clean" / "truth.npz"
     calibration = calibrate("screen-clean", views)
@@ -88,11 +88,12 @@ def test_the_maps_of_a_screen_are_the_renderer_s(views: int, min_ratio: float) -
     error = map_error(calibration, truth, NEAR)
     with np.load(truth) as file:
         assert error.pixels > 0.95 * len(file["pixels"])
-    rms = np.array(list(error.by_depth.values()))
+    rms = np.array(list(error.in_gauge.values()))
     predicted = np.array(list(error.predicted.values()))
     ratio = float(np.sqrt(np.mean((rms / predicted) ** 2)))
     print(f"{views} poses: {rms.round(4)} px, {predicted.round(4)} predicted, ratio {ratio:.2f}")
     assert rms.max() < 0.006
+    assert (rms > 0.99 * np.array(list(error.by_depth.values()))).all()
     assert min_ratio < ratio < 1.25
 
 
