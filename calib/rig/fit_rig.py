@@ -32,7 +32,7 @@ from calib.rig.mounting_start import RigStart, start_rig, turn_view
 from calib.rig.placements import Placements
 from calib.rig.problem import BaselinePrior
 from calib.rig.rig import Rig
-from calib.rig.rig_content import RejectedView, RigRecord
+from calib.rig.rig_content import INCONSISTENT, OUTLYING, RejectedView, RigRecord
 from calib.rig.rig_file import RigDescription, RigSource, read_rig
 from calib.rig.rig_result import rig_of
 from calib.rig.scatter import count_placements
@@ -44,7 +44,6 @@ from calib.rig.shared_cover import (
 from calib.session.session import Session
 from calib.threads import single_thread
 
-INCONSISTENT = "the board does not stand where the other cameras see it at that moment"
 LINEARISATIONS = 8
 """Length of the progress bar: a joint estimate takes about as many."""
 
@@ -104,8 +103,7 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
         board = calibrations[description.reference].board
         estimate, scatter = count_placements(estimate, board)
     for name, mask in dropped.items():
-        reason = "its error does not fit that of the other views of the rig"
-        rejected += _rejections(name, calibrations[name].views, mask, reason)
+        rejected += _rejections(name, calibrations[name].views, mask, OUTLYING)
     record = RigRecord(
         source=str(description.file.resolve()),
         outcome=estimate.outcome.value,

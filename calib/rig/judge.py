@@ -15,6 +15,7 @@ from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
 from calib.io.shell import shell_path
 from calib.rig.evaluate_rig import RigEvaluation
 from calib.rig.held_out_placements import MIN_SHARED as MIN_DIAGNOSED
+from calib.rig.left_out_views import describe_left_out
 from calib.rig.rig import Rig
 from calib.rig.rig_content import Baseline
 from calib.rig.rig_effects import RIG_FLEX, RIG_SLIP
@@ -180,6 +181,12 @@ def disagreement(case: RigCase) -> Iterator[Reason]:
             )
 
 
+def left_out_pictures(case: RigCase) -> Iterator[Reason]:
+    """Yield a reason if a camera seems to have slipped, or many pictures contradict the rig."""
+    for sentence in describe_left_out(case.rig):
+        yield Reason(sentence, _new_recording(case))
+
+
 def found_effects(case: RigCase) -> Iterator[Reason]:
     """Yield a reason for each effect of the rig that a diagnosis found and that no number of the
     rig describes: a mounting that is not the same in all placements.
@@ -320,6 +327,7 @@ RIG_CHECKS: tuple[RigCheck, ...] = (
     rig_not_converged,
     same_camera,
     few_shared,
+    left_out_pictures,
     found_effects,
     contradicted_baseline,
     disagreement,

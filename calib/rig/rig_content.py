@@ -19,6 +19,12 @@ from calib.version import VERSION
 Array = NDArray[np.float64]
 
 
+INCONSISTENT = "the board does not stand where the other cameras see it at that moment"
+OUTLYING = "its error does not fit that of the other views of the rig"
+DISAGREEING = (INCONSISTENT, OUTLYING)
+"""The reasons of views that contradict the rig."""
+
+
 @dataclass(frozen=True, slots=True)
 class RejectedView:
     """A picture of one camera that the rig's fit does not use, and the reason."""
