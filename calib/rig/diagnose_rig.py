@@ -26,14 +26,14 @@ from calib.rig.explanation_fit import Evaluator, FittedExplanation
 from calib.rig.explanations import RigExplanation, explanations
 from calib.rig.held_out_placements import MIN_SHARED, held_out_squares, placement_gain
 from calib.rig.joint_estimate import RigState
-from calib.rig.motion_evidence import RandomMotion, ReducedMotions
+from calib.rig.motion_evidence import FixedEstimate, RandomMotion, ReducedMotions
 from calib.rig.rig import Rig, RigCalibrationSource
 from calib.rig.rig_candidates import ACCEPTED, candidate_of, families_of
 from calib.rig.rig_content import FoundEffect, RigRecord
 from calib.rig.rig_context import RigContext, rig_context, times_of
 from calib.rig.rig_effects import RIG_SLIP
 from calib.rig.rig_finding import RigCandidate, RigDiagnosis, RigQuality
-from calib.rig.rig_motion_fit import fit_with_motion, stepped
+from calib.rig.rig_motion_fit import JointNumbers, fit_with_motion, stepped
 from calib.rig.rig_result import rig_of, state_of
 from calib.rig.rig_sentences import (
     describe_found,
@@ -57,6 +57,8 @@ class _Search:
     state: RigState
     context: RigContext
     found: tuple[FoundEffect, ...] = ()
+    fits: tuple[FittedExplanation, ...] = ()
+    """The fit of each effect in `found`."""
     sentences: tuple[str, ...] = ()
     families: tuple[Family, ...] = ()
     candidates: dict[tuple[str, str, str], RigCandidate] = field(default_factory=dict)
@@ -173,9 +175,10 @@ def _round(rig: Rig, search: _Search, times: Array, noise_px: float) -> tuple[_S
         return replace(search, sentences=(sentence,)), False
     rivals = fits_of_effects[fits_of_effects.index(best) :]
     search = _accept(rig, search, best, rivals, times)
-    key = _key(best.explanation)
-    final = replace(candidates[key], parameters=search.found[-1].parameters)
-    return replace(search, candidates={**candidates, key: final}), True
+    for fitted, effect in zip(search.fits, search.found, strict=True):
+        key = _key(fitted.explanation)
+        candidates[key] = replace(candidates[key], parameters=effect.parameters)
+    return replace(search, candidates=candidates), True
 
 
 def _fit_all(evaluator: Evaluator, effects: Sequence[FoundEffect]) -> tuple[FittedExplanation, ...]:
@@ -212,33 +215,67 @@ def _accept(
     times: Array,
 ) -> _Search:
     """Add an explanation to the fit."""
-    explanation = best.explanation
     context = search.context
     state = search.state
+    fits = search.fits
     if best.fixed:
-        state, context, best = fit_with_motion(rig, state, times, context, best)
+        state, context, best, numbers = fit_with_motion(rig, state, times, context, best)
+        fits = _with_numbers((*fits, best), numbers)
     else:
         context = replace(context, accepted=(*context.accepted, *best.random))
+        fits = (*fits, best)
+    return replace(
+        search,
+        state=state,
+        context=context,
+        found=tuple(_found_effect(rig, fitted, fits) for fitted in fits),
+        fits=fits,
+        families=(*search.families, *families_of(best.explanation, fits_of_effects)),
+    )
+
+
+def _found_effect(
+    rig: Rig, fitted: FittedExplanation, fits: Sequence[FittedExplanation]
+) -> FoundEffect:
+    explanation = fitted.explanation
     effect = FoundEffect(
         explanation.name,
         explanation.camera,
         explanation.varies,
         rig.placement_names[explanation.placement] if explanation.varies == FROM_VIEW else "",
-        parameters_of(best),
+        parameters_of(fitted),
     )
-    sentence = describe_found(effect, best, _partner(rig))
-    effect = replace(effect, sentence=sentence)
-    return replace(
-        search,
-        state=state,
-        context=context,
-        found=(*search.found, effect),
-        families=(*search.families, *families_of(best.explanation, fits_of_effects)),
-    )
+    return replace(effect, sentence=describe_found(effect, fitted, _partner(rig, fitted, fits)))
+
+
+def _with_numbers(
+    fits: Sequence[FittedExplanation], numbers: JointNumbers
+) -> tuple[FittedExplanation, ...]:
+    """Return the fits with the numbers of one joint fit: a further effect changes the numbers of
+    those before it.
+    """
+    first = 0
+    updated = []
+    for fitted in fits:
+        if fitted.fixed and fitted.estimate:
+            entries = slice(first, first + len(fitted.estimate.value))
+            first = entries.stop
+            estimate = FixedEstimate(
+                fitted.estimate.log_evidence,
+                numbers.value[entries],
+                numbers.covariance[entries, entries],
+            )
+            fitted = replace(fitted, estimate=estimate)
+        updated.append(fitted)
+    return tuple(updated)
 
 
 def _latenesses(search: _Search) -> list[str]:
-    """Return sentences on latenesses that were not found, from the last round."""
+    """Return sentences on latenesses that were not found, from the last round. Of the last camera
+    in time there is none: the others are late against it.
+    """
+    if len(_late_cameras(search.fits)) + 1 >= len(search.state.cameras):
+        return []
     names = {(effect.effect, effect.camera) for effect in search.found}
     return [
         describe_lateness(fitted)
@@ -252,8 +289,17 @@ def _key(explanation: RigExplanation) -> tuple[str, str, str]:
     return explanation.name, explanation.camera, explanation.varies
 
 
-def _partner(rig: Rig) -> str:
-    return rig.reference if len(rig.names) == 2 else ""
+def _partner(rig: Rig, fitted: FittedExplanation, fits: Sequence[FittedExplanation]) -> str:
+    """Return the one camera against which an effect is stated; empty for several."""
+    if not fitted.explanation.is_late:
+        return rig.reference if len(rig.names) == 2 else ""
+    late = _late_cameras(fits)
+    in_time = [name for name in rig.names if name not in late]
+    return in_time[0] if len(in_time) == 1 else ""
+
+
+def _late_cameras(fits: Sequence[FittedExplanation]) -> set[str]:
+    return {fitted.explanation.camera for fitted in fits if fitted.explanation.is_late}
 
 
 def _quality(search: _Search, none: FittedExplanation, noise_px: float) -> RigQuality:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -33,14 +33,25 @@ SETTLING = 2
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class JointNumbers:
+    """The numbers of all effects in one fit, in the order in which they were added."""
+
+    value: Array
+    """(F,)"""
+    covariance: Array
+    """(F, F)"""
+
+
 def fit_with_motion(
     rig: Rig, state: RigState, times: Array, context: RigContext, fitted: FittedExplanation
-) -> tuple[RigState, RigContext, FittedExplanation]:
+) -> tuple[RigState, RigContext, FittedExplanation, JointNumbers]:
     """Fit the rig with the numbers of an explanation free. The path of the board is computed again
     from the placements of that fit, which are those of the cameras that are in time.
 
     Returns:
-        The state of the fit, what is known there, and the explanation with its numbers there.
+        The state of the fit, what is known there, the explanation with its numbers there, and the
+        numbers of all effects there.
     """
     assert fitted.estimate
     assert fitted.fixed
@@ -65,7 +76,8 @@ def fit_with_motion(
         reduced = ReducedMotions.of(context.products, (*context.accepted, *fitted.discrepancy))
         # The number of a term stands behind those of the terms before it.
         entries = slice(len(state.vector()), len(state.vector()) + len(value))
-        value = refitted.vector()[entries].numpy() + reduced.step()[entries]
+        vector = refitted.vector().numpy() + reduced.step()
+        value = vector[entries]
         covariance = reduced.hessian_inverse[entries, entries]
         if explanation.is_late:
             moved = context.motion.after(float(value[0]))
@@ -74,7 +86,9 @@ def fit_with_motion(
             random = (RandomMotion(board, roots(moved.covariance), adapts=False),)
     estimate = FixedEstimate(fitted.estimate.log_evidence, value, covariance)
     context = replace(context, accepted=(*accepted, *random))
-    return refitted, context, replace(fitted, estimate=estimate, random=random)
+    first = entries.start - len(state.numbers)
+    numbers = JointNumbers(vector[first:], reduced.hessian_inverse[first:, first:])
+    return refitted, context, replace(fitted, estimate=estimate, random=random), numbers
 
 
 def effect_terms(

@@ -186,6 +186,24 @@ def test_of_three_cameras_the_late_one_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_two_late_cameras_of_three_are_late_against_the_third(tmp_path: Path) -> None:
+    """The number of the first changes when the second is found, so both are those of one fit."""
+    true = {"left": 0.0, "right": 8e-3, "third": -5e-3}
+    trio = bare(24, tuple(true))
+    rng = np.random.default_rng(24)
+    simulated = with_bursts(rng, trio, 4, 5, late_s=true)
+    _, diagnosis = diagnose_rig(fit_rig(simulated.write(tmp_path / "rig"), EVEN))
+    assert diagnosis.accepted == ("sync_offset", "sync_offset")
+    (in_time,) = set(true) - {effect.camera for effect in diagnosis.found}
+    for effect in diagnosis.found:
+        number = effect.parameters["sync_offset.late"]
+        print(effect.sentence)
+        assert number.value == pytest.approx(true[effect.camera] - true[in_time], abs=2.5e-4)
+        assert f"than {in_time}" in effect.sentence
+    assert not any("no more than chance" in remark for remark in diagnosis.remarks)
+
+
+@pytest.mark.slow
 def test_a_bent_board_is_no_effect_of_the_rig(tmp_path: Path) -> None:
     """A board that nobody declared as bent shifts corners in both cameras; no camera is blamed."""
 
