@@ -128,7 +128,7 @@ def _features(picture: NDArray[np.uint8]) -> tuple[Array, NDArray[np.float32]]:
     if descriptors is None:
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
     places = np.array([point.pt for point in points])
-    return (places + 0.5) * scale - 0.5, descriptors
+    return (places + 0.5) * scale - 0.5, descriptors.astype(np.float32)
 
 
 def _nearest_features(
