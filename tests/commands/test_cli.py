@@ -156,7 +156,7 @@ def test_the_help_describes_every_effect(
     """In a terminal of 80 columns a long line goes on below its second column."""
     monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit):
-        main(["diagnose", "--help"])
+        main(["diagnose", "--help-all"])
     output = capsys.readouterr().out
     assert max(map(len, output.splitlines())) <= 80
     listed = re.findall(
