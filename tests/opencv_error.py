@@ -4,6 +4,7 @@ comparison without a cover. `python -m tests.opencv_error` prints it for `calib 
 
 import json
 import shutil
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -13,6 +14,7 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from calib.calibration import Calibration
 from calib.cli import main as calib
@@ -27,12 +29,16 @@ FLAGS = {
 """The flags of cv2.calibrateCamera for a lens with that many coefficients."""
 NEAR = (0.15, 0.25)
 """m, of boards nearer than those of the demo."""
-BOARDS, FEWEST = 20, 20
-"""The number of near boards, and the fewest corners of one in the picture."""
+BOARDS, POINTS = 20, 100
+"""The number of near boards, and of the points on one of them."""
+HALF = 0.08
+"""m, half of the side of a board."""
 MARGIN = 10.0
-"""px: the distance of a corner from the border of the picture."""
+"""px: the distance of a point from the border of the picture."""
 
 Array = NDArray[np.float64]
+Projection = Callable[[Array], Array]
+"""The (N, 2) px of (N, 3) m in the camera's frame."""
 
 
 def main() -> None:
@@ -50,15 +56,16 @@ def main() -> None:
     ]
     ours = unmeasured.stages[-1].rms_px, fit_error
     fitted = [*(opencv_error(calibration, count) for count in FLAGS), *ours]
-    nearby = [opencv_error_nearby(calibration, count) for count in FLAGS]
-    nearby += [demo_error_nearby(unmeasured), demo_error_nearby(calibration)]
-    print("Error of each program, root mean square")
-    for place, errors in (
-        ("on the fitted pictures", fitted),
-        (f"at {NEAR[0]:g} to {NEAR[1]:g} m", nearby),
+    projections = [opencv_projection(calibration, count) for count in FLAGS]
+    projections += [refracal_projection(unmeasured), refracal_projection(calibration)]
+    nearby = [error_nearby(projection) for projection in projections]
+    print("Error of each program, root mean square, each board with the pose that fits best")
+    for place, errors, digits in (
+        ("on the fitted pictures", fitted, 3),
+        (f"at {NEAR[0]:g} to {NEAR[1]:g} m", nearby, 4),
     ):
         rows = zip(names, errors, strict=True)
-        print(f"{place}: " + "; ".join(f"{name} {error:.3f} px" for name, error in rows))
+        print(f"{place}: " + "; ".join(f"{name} {error:.{digits}f} px" for name, error in rows))
     print(f"noise of the corners: {calibration.noise_px:.3f} px")
 
 
@@ -78,46 +85,66 @@ def opencv_error(calibration: Calibration, coefficients: int) -> float:
     return _calibrate(calibration, coefficients)[0]
 
 
-def opencv_error_nearby(calibration: Calibration, coefficients: int) -> float:
-    """Return the root mean square error in px of the same lens on boards at NEAR, each with the
-    pose that fits best. The corners are those that the calibration's rays give.
-    """
+def opencv_projection(calibration: Calibration, coefficients: int) -> Projection:
+    """Return the projection of the lens of cv2.calibrateCamera on the same corners."""
     _, matrix, distortion = _calibrate(calibration, coefficients)
+
+    def projection(points: Array) -> Array:
+        pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, distortion)
+        return np.asarray(pixels, np.float64).reshape(-1, 2)
+
+    return projection
+
+
+def refracal_projection(calibration: Calibration) -> Projection:
+    """Return the projection of a calibration."""
     path, values = calibration.model()
-    board = _points(calibration)
+    return lambda points: project(path, values, torch.from_numpy(points), MIDDLE).numpy()
+
+
+def error_nearby(projection: Projection) -> float:
+    """Return the root mean square error in px on boards at NEAR, each with the pose that fits best.
+    The points of a board lie on the rays of the renderer, without noise.
+    """
+    squares = []
+    for points, pixels, pose in near_boards():
+
+        def residual(
+            pose: Array, points: Array = points, pixels: Array = pixels
+        ) -> NDArray[np.float64]:
+            moved = points @ cv2.Rodrigues(pose[:3])[0].T + pose[3:]
+            return np.asarray((projection(moved) - pixels).ravel())
+
+        best = least_squares(residual, pose, x_scale=[1.0] * 3 + [0.1] * 3)
+        squares.append(2 * np.mean(best.fun**2))
+    return float(np.sqrt(np.mean(squares)))
+
+
+def near_boards() -> Iterator[tuple[Array, Array, Array]]:
+    """Yield for each board at NEAR (N, 3) points on it, m, their (N, 2) px in the renderer's
+    picture, and the (6,) pose, rad and m.
+    """
+    truth = np.load(FIXTURES / "wet-flat" / "water" / "truth.npz")
+    origins = truth["origins"].reshape(-1, 3)
+    directions = truth["directions"].reshape(-1, 3)
+    pixels = truth["pixels"].reshape(-1, 2)
+    last = pixels.max(0) - MARGIN
+    usable = ((pixels >= MARGIN) & (pixels <= last)).all(-1) & np.isfinite(origins).all(-1)
     rng = np.random.default_rng(0)
-    size = np.array([calibration.camera.width, calibration.camera.height])
-    squares: list[float] = []
-    while len(squares) < BOARDS:
+    count = 0
+    while count < BOARDS:
         turn = rng.uniform([-0.6, -0.6, -0.3], [0.6, 0.6, 0.3])
         depth = rng.uniform(*NEAR)
         move = np.array([*rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth, depth])
-        points = board @ cv2.Rodrigues(turn)[0].T + move
-        pixels = project(path, values, torch.from_numpy(points), MIDDLE).numpy()
-        in_picture = ((pixels > MARGIN) & (pixels < size - MARGIN)).all(-1)  # false for NaN
-        if in_picture.sum() < FEWEST:
+        rotation = cv2.Rodrigues(turn)[0]
+        along = ((move - origins) @ rotation[:, 2]) / (directions @ rotation[:, 2])
+        points = (origins + along[:, None] * directions - move) @ rotation
+        on_board = usable & (along > 0) & (np.abs(points[:, :2]) <= HALF).all(-1)
+        if on_board.sum() < POINTS:
             continue
-        problem = board[in_picture], pixels[in_picture], matrix, distortion
-        _, near_turn, near_move = cv2.solvePnP(*problem, turn, move, useExtrinsicGuess=True)
-        best = cv2.solvePnPRefineLM(*problem, near_turn, near_move)
-        modelled = cv2.projectPoints(problem[0], best[0], best[1], matrix, distortion)[0]
-        squares.append(float(((modelled.reshape(-1, 2) - problem[1]) ** 2).sum(-1).mean()))
-    return float(np.sqrt(np.mean(squares)))
-
-
-def demo_error_nearby(calibration: Calibration) -> float:
-    """Return the root mean square distance in px between the pixels of the demo's calibration and
-    those of the renderer, for points at both ends of NEAR on the renderer's rays.
-    """
-    path, values = calibration.model()
-    truth = np.load(FIXTURES / "wet-flat" / "water" / "truth.npz")
-    origins, directions = truth["origins"], truth["directions"]
-    squares = []
-    for depth in NEAR:
-        points = origins + directions * ((depth - origins[:, 2:]) / directions[:, 2:])
-        error = project(path, values, torch.from_numpy(points), MIDDLE).numpy() - truth["pixels"]
-        squares.append(np.nanmean((error**2).sum(-1)))
-    return float(np.sqrt(np.mean(squares)))
+        chosen = rng.choice(np.flatnonzero(on_board), POINTS, replace=False)
+        yield points[chosen] * [1, 1, 0], pixels[chosen], np.concatenate([turn, move])
+        count += 1
 
 
 def _calibrate(calibration: Calibration, coefficients: int) -> tuple[float, Array, Array]:

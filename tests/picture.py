@@ -31,10 +31,11 @@ from tests.capture.tui.driving import running, see, shown, until
 from tests.capture.tui.recording import Cells, draw
 from tests.opencv_error import (
     NEAR,
-    demo_error_nearby,
+    error_nearby,
     fit_without_numbers,
     opencv_error,
-    opencv_error_nearby,
+    opencv_projection,
+    refracal_projection,
 )
 from tests.phone_picture import guiding_page
 
@@ -107,9 +108,9 @@ def main() -> None:
             result["stages"][-1]["rms_px"],
         )
         nearby = (
-            opencv_error_nearby(calibration, COEFFICIENTS),
-            demo_error_nearby(unmeasured),
-            demo_error_nearby(calibration),
+            error_nearby(opencv_projection(calibration, COEFFICIENTS)),
+            error_nearby(refracal_projection(unmeasured)),
+            error_nearby(refracal_projection(calibration)),
         )
         errors = Errors(
             fitted=list(zip(names, fitted, strict=True)),
@@ -235,7 +236,7 @@ def _bars(panel: Axes, errors: Errors) -> None:
     for place, (name, _) in zip(places, rows, strict=True):
         panel.text(0.01 * longest, place + 0.2, name, fontsize=11, va="bottom", color=FAINT)
     top = places[count] + 0.62
-    near = f"Error nearer than the boards ({NEAR[0]:g} to {NEAR[1]:g} m)"
+    near = f"Error on nearer boards ({NEAR[0]:g} to {NEAR[1]:g} m)"
     panel.text(0.01 * longest, top, near, fontsize=13, va="bottom", color=INK)
     panel.set(
         xlim=(0, ROOM * longest),
@@ -244,7 +245,7 @@ def _bars(panel: Axes, errors: Errors) -> None:
         yticks=[],
     )
     panel.set_title(
-        "Error where the boards were", fontsize=13, color=INK, pad=5, loc="left", x=0.01 / ROOM
+        "Error on the fitted pictures", fontsize=13, color=INK, pad=5, loc="left", x=0.01 / ROOM
     )
     panel.spines[["top", "right", "bottom"]].set_visible(False)
     panel.spines["left"].set_color(FAINT)

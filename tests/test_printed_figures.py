@@ -16,10 +16,11 @@ import pytest
 from calib.calibration import Calibration
 from tests.opencv_error import (
     FLAGS,
-    demo_error_nearby,
+    error_nearby,
     fit_without_numbers,
     opencv_error,
-    opencv_error_nearby,
+    opencv_projection,
+    refracal_projection,
 )
 
 ROOT = Path(__file__).parents[1]
@@ -123,15 +124,20 @@ def test_the_lenses_of_opencv_leave_what_the_readme_says(world: Path) -> None:
         assert float(quoted[1]) == pytest.approx(opencv_error(calibration, count), abs=1e-3)
     nearby = re.search(r"nearer, OpenCV ([\d.]+), Refracal ([\d.]+)\.", words)
     assert nearby
-    assert float(nearby[1]) == pytest.approx(opencv_error_nearby(calibration, 14), abs=0.02)
-    assert float(nearby[2]) == pytest.approx(demo_error_nearby(calibration), abs=2e-3)
+    assert float(nearby[1]) == pytest.approx(
+        error_nearby(opencv_projection(calibration, 14)), abs=0.02
+    )
+    assert float(nearby[2]) == pytest.approx(
+        error_nearby(refracal_projection(calibration)), abs=1e-3
+    )
     peers = (ROOT / "docs" / "peers.md").read_text(encoding="utf-8")
     section = peers.partition("## OpenCV on the demo's pictures")[2].partition("\n## ")[0]
     for count in FLAGS:
         row = re.search(rf"OpenCV, {count} coefficients \| ([\d.]+) \| ([\d.]+)", section)
         assert row
         assert float(row[1]) == pytest.approx(opencv_error(calibration, count), abs=1e-3)
-        assert float(row[2]) == pytest.approx(opencv_error_nearby(calibration, count), abs=0.02)
+        error = error_nearby(opencv_projection(calibration, count))
+        assert float(row[2]) == pytest.approx(error, abs=0.02)
     assert f"Refracal, told the lens and the window | 0.014 | {nearby[2]} |" in section
     unmeasured = fit_without_numbers(world / "refracal-demo", world)
     row = re.search(
@@ -139,12 +145,13 @@ def test_the_lenses_of_opencv_leave_what_the_readme_says(world: Path) -> None:
     )
     assert row
     assert float(row[1]) == pytest.approx(unmeasured.stages[-1].rms_px, abs=1e-3)
-    assert float(row[2]) == pytest.approx(demo_error_nearby(unmeasured), abs=0.02)
+    error = error_nearby(refracal_projection(unmeasured))
+    assert float(row[2]) == pytest.approx(error, abs=2e-3)
     assert 'Refracal, told only "window, water", 0.014 px' in words
     near = re.search(r"Nearer: OpenCV ([\d.]+) and ([\d.]+) px, Refracal ([\d.]+)\. ", words)
     assert near
     for printed_px, count in zip(near.groups()[:2], FLAGS, strict=True):
-        error = opencv_error_nearby(calibration, count)
+        error = error_nearby(opencv_projection(calibration, count))
         assert float(printed_px) == pytest.approx(error, abs=0.02)
     assert near[3] == row[2]
     assert f"noise | {calibration.noise_px:.3f} |" in section
