@@ -64,7 +64,8 @@ from calib.progress import Advance, Progress, Silent, check_progress
 from calib.session.session import Session, SessionSource
 from calib.threads import single_thread
 
-MIN_VIEWS = FOLDS
+MIN_POSES = FOLDS
+"""The number of poses of the board that a diagnosis needs."""
 STEPS = MAX_EFFECTS + 2 * MAX_FITS
 """The length of the progress bar."""
 
@@ -91,9 +92,9 @@ def diagnose(
     calibration = Calibration.of(calibration)
     holdout = None if holdout is None else Session.of(holdout)
     poses = pose_labels(calibration.views)
-    if (count := len(set(poses.tolist()))) < MIN_VIEWS:
+    if (count := len(set(poses.tolist()))) < MIN_POSES:
         raise NotEnoughDataError(
-            f"A diagnosis holds views out in turn and needs {MIN_VIEWS} or more, but the"
+            f"A diagnosis holds views out in turn and needs {MIN_POSES} or more, but the"
             f" calibration has {count}: take more pictures."
         )
     observations = calibration.observations
@@ -110,23 +111,19 @@ def diagnose(
         formulas = tuple(printed_forms(state))
         structure = significant_shares(_shares(calibration, state.fit, observations))
         sentences = _sentences(result, calibration, formulas, structure)
-    # Without an effect of its own, the search frees no number.
+    # A search that has come to estimate the held numbers leaves no `free_base`.
     fitted_from = calibration if state.problem.free_base else with_free
-    is_renamed = _names(state.model) != _names(state.problem.base)
-    changed = state.model.effects or calibration.effects or is_renamed
+    estimates_others = _names(state.model) != _names(state.problem.base)
+    changed = state.model.effects or calibration.effects or estimates_others
     # Where nothing was added, every number stays as it was given.
     extended = (
         with_fit(fitted_from, state.model, state.joint, observations) if changed else calibration
     )
-    given_held_out: float | None = None
-    evaluation: Evaluation | None = None
+    on_holdout: _HoldoutErrors | None = None
     if holdout:
-        given_held_out = evaluate(calibration, holdout, progress).rms_px
         refitted = with_fit(calibration, base.model, base.joint, observations)
-        halves = state.model.path.has_private_blocks
-        base_held_out = evaluate(refitted, holdout, progress, halves=halves).rms_px
-        evaluation = evaluate(extended, holdout, progress, halves=halves)
-        held_out = evaluation.rms_px
+        on_holdout = _HoldoutErrors.of(calibration, refitted, extended, holdout, progress)
+        base_held_out, held_out = on_holdout.refitted.rms_px, on_holdout.extended.rms_px
     base_residuals = _residuals(base, observations)
     residuals_left = _residuals(state.fit, observations)
     noise, noise_source = _noise(calibration, residuals_left, poses)
@@ -141,10 +138,10 @@ def diagnose(
         families=result.families,
         formulas=formulas,
         differing=result.differing,
-        given_held_out_px=given_held_out,
+        given_held_out_px=on_holdout.given.rms_px if on_holdout else None,
         given=calibration.stages[-1] if calibration.stages else None,
         decided=count >= MIN_CONFIRMING_VIEWS,
-        evaluation=evaluation,
+        evaluation=on_holdout.extended if on_holdout else None,
         base_quality=Quality(base_residuals.rms_px, base_residuals.rmse_cm, base_held_out),
         final_quality=Quality(residuals_left.rms_px, residuals_left.rmse_cm, held_out),
         unexplained=_unexplained(residuals_left, noise, observations, state.joint),
@@ -153,6 +150,36 @@ def diagnose(
     )
     history = replace(extended.history, diagnosis=DiagnosisRecord(diagnosis.as_json()))
     return replace(extended, noise_px=noise, history=history), diagnosis
+
+
+@dataclass(frozen=True, slots=True)
+class _HoldoutErrors:
+    """The evaluations of a session with other views."""
+
+    given: Evaluation
+    """With the calibration that is diagnosed."""
+    refitted: Evaluation
+    """With the fit before the search."""
+    extended: Evaluation
+    """With the fit after it."""
+
+    @staticmethod
+    def of(
+        given: Calibration,
+        refitted: Calibration,
+        extended: Calibration,
+        holdout: Session,
+        progress: Progress,
+    ) -> _HoldoutErrors:
+        """Evaluate the three calibrations. If views have numbers of their own after the search,
+        each half of a view's corners is measured with those of the other half.
+        """
+        halves = extended.model()[0].has_private_blocks
+        return _HoldoutErrors(
+            evaluate(given, holdout, progress),
+            evaluate(refitted, holdout, progress, halves=halves),
+            evaluate(extended, holdout, progress, halves=halves),
+        )
 
 
 def _begin(

@@ -27,12 +27,13 @@ MIN_DEVIATION = 10.0
 measured sets 0 to 0.4 % of the corners deviate by more.
 """
 MAX_TYPICAL_DEVIATION = 3.0
-"""The same for the median of corners of other views, at the same place of the picture or of the
-board: if it deviates by more, the place is the cause. Noise alone gives 1.2.
+"""Robust standard deviations: if the median of other views' corners at the same place of the
+picture, or of the same corner of the board, deviates by more, the place is the cause. Noise alone
+gives 1.2.
 """
 MAX_NEIGHBOUR_DEVIATION = 5.0
-"""The same for the neighbours on the board, once the corner is removed: if one deviates by more,
-the two may have one cause, such as a drop on the glass.
+"""Robust standard deviations: if a neighbour on the board deviates by more once the corner is
+removed, the two may have one cause, such as a drop on the glass.
 """
 NEAR = 0.025
 """The radius of a place of the picture, as a fraction of its diagonal."""
@@ -45,7 +46,9 @@ MIN_PREDICTIONS = 2
 MAX_FRACTION = 0.1
 """The largest fraction of all corners that is left out. If more deviate, it is no accident."""
 MAX_FRACTION_OF_VIEW = 0.2
-"""The same for a view: beyond it, the whole view is wrong."""
+"""The largest fraction of a view's corners that is left out. If more deviate, the whole view is
+wrong.
+"""
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """The lines of a board through a corner, as steps of rows and columns."""
 

@@ -83,7 +83,7 @@ def fit(
     nominal, choice = _with_unknown_numbers(nominal, inputs, settings, progress)
     setup = nominal.with_tolerances(settings)
     settings, grids = _with_grid(settings, setup, inputs, progress)
-    has_pictures = bool(source and source.frames and not source.corners)
+    has_pictures = source and source.frames and not source.corners
     repeated = RepeatedFit(
         session,
         inputs,
@@ -93,7 +93,7 @@ def fit(
         setup,
         inputs.views,
         inputs.rejected,
-        redetections=None if has_pictures else (),
+        redetects=bool(has_pictures),
     )
     repeated.run()
     views, fitted, nominal = repeated.views, repeated.fitted, repeated.nominal

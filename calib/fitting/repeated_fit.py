@@ -53,10 +53,10 @@ class RepeatedFit:
     views: tuple[View, ...]
     """The views of the fit."""
     rejected: tuple[RejectedPicture, ...]
-    redetections: tuple[Redetection, ...] | None
-    """The outcome of the search for missed corners; None before it. It is empty from the start for
-    a session without pictures.
-    """
+    redetects: bool
+    """True until missed corners have been looked for; false for a session without pictures."""
+    redetections: tuple[Redetection, ...] = ()
+    """The outcome of the search for missed corners."""
     turned: tuple[str, ...] = ()
     """The views whose boards were turned by a quarter turn. `views` has them turned back."""
     half_turned: tuple[str, ...] = ()
@@ -70,7 +70,9 @@ class RepeatedFit:
     """A fit of the same setup, where the next one starts."""
     _decided: Fitted | None = None
     """A fit of the same views, whose decision on the board's bend stands."""
+    _fit_count: int = 0
     _purpose: str = ""
+    """Words for the progress bar, which distinguish the next fit from those before it."""
     _is_half_turn_tried: bool = False
 
     @property
@@ -122,7 +124,7 @@ class RepeatedFit:
             observations = self.observations
             if self._reject_outliers(observations):
                 continue
-            if self.redetections is not None:
+            if not self.redetects:
                 break
             with single_thread():
                 has_more_corners = self._redetect()
@@ -150,6 +152,7 @@ class RepeatedFit:
                 decided=self._decided,
                 purpose=self._purpose,
             )
+        self._fit_count += 1
         self._earlier = None
         self._decide()
 
@@ -161,8 +164,9 @@ class RepeatedFit:
 
     def _refuse_larger_board(self) -> None:
         """Raise OtherBoardError if the first fit is bad and the pictures show a larger board."""
-        is_first = self.redetections is None and not self._purpose
-        if is_first and self.fitted.stages[-1].rms_px > LARGE_ERROR:
+        if not (self.redetects and self._fit_count == 1):
+            return
+        if self.fitted.stages[-1].rms_px > LARGE_ERROR:
             names = {view.name for view in self.views}
             frames = [frame for frame in self.session.frames if frame.name in names]
             refuse_larger_board(frames, self.session.board)
@@ -232,6 +236,7 @@ class RepeatedFit:
     def _redetect(self) -> bool:
         """Look for corners where the fit expects them. Return True if there are new ones."""
         session = self.session
+        self.redetects = False
         size = session.camera.width, session.camera.height
         self.views, self.redetections = redetect_corners(
             self.fitted, self.views, session.board, session.frames, size, self.progress
