@@ -187,6 +187,7 @@ def test_the_record_comes_back_equal(calibration: Calibration, tmp_path: Path) -
         half_turned_boards=("0002.png",),
         mixed_settings=("the pictures' names are those of two cameras",),
         redetections=(Redetection("0000.png", new_corners=3, refused=1, dropped=0),),
+        outlier_corners={"0003.png": 2},
         cross_validation=CrossValidation(5, 0.2, 0.1, 0.01),
         fleet_prior=FleetPriorTest("prior.yaml", "00", 6, True, 0.5, "cover.inner_radius", 1.2),
     )

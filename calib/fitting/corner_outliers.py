@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners.view import View
-from calib.estimation.noise import on_board_grid
+from calib.estimation.noise import MIN_NOISE, on_board_grid
 from calib.estimation.residuals import Residuals
 from calib.estimation.robust import SIGMA
 from calib.io.numerals import counted
@@ -136,7 +136,7 @@ def _deviations(grid: Floats) -> Floats:
     differences[usable] = grid[usable] - np.nanmedian(predicted[:, usable], axis=0)
     if not usable.any():
         return np.zeros(grid.shape[:3])
-    scale = SIGMA * np.nanmedian(np.abs(differences))
+    scale = max(SIGMA * float(np.nanmedian(np.abs(differences))), MIN_NOISE)
     scales = [
         max(scale, SIGMA * float(np.nanmedian(np.abs(view)))) if mask.any() else scale
         for view, mask in zip(differences, usable, strict=True)
