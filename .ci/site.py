@@ -9,7 +9,7 @@ import ast
 import os
 import posixpath
 import re
-from html import unescape
+from html import escape, unescape
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -261,7 +261,10 @@ def labelled(table: str) -> str:
     """A table of many columns with sentences, whose cells have the headings of their columns: on a
     phone they stand below each other. A table of numbers stays a table there, with small letters.
     """
-    headings = [re.sub("<[^>]+>", "", heading).strip() for heading in HEADING.findall(table)]
+    headings = [
+        escape(unescape(re.sub("<[^>]+>", "", heading).strip()))
+        for heading in HEADING.findall(table)
+    ]
     longest = max(len(re.sub("<[^>]+>", "", row)) for row in ROW.findall(table))
     has_room = len(headings) < MANY_COLUMNS or longest < LONG_ROW
     if has_room and width_of(table, LETTER, PADDING, NARROWEST) < PHONE:

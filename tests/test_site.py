@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from functools import partial
+from html import unescape
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import ModuleType
@@ -23,6 +24,7 @@ from calib.errors import InputError, NotEnoughDataError, RefracalError
 from calib.session.cover_section import cover_sections, read_cover
 from calib.session.schema import Section
 from calib.session.shapes.registry import dimensions
+from calib.session.tolerances import ANY_WATER
 from capture.errors import CaptureError
 from tests.capture.tui.browser import CHROMIUM, FLAGS
 
@@ -195,6 +197,26 @@ def test_sentences_below_a_table_keep_the_size_of_their_letters() -> None:
         assert block in HOOKS.sized(block)
 
 
+def test_a_quoted_word_of_a_heading_stays_in_the_label_of_its_cells() -> None:
+    heads = "".join(f"<th>{text}</th>" for text in ("method", "time", 'fit, told "a cone" &amp; r'))
+    cells = "".join(f"<td>{text}</td>" for text in ("fit", "0.1", "a sentence " * 20))
+    stacked = HOOKS.labelled(f"<table><tr>{heads}</tr><tr>{cells}</tr></table>")
+    labels = [unescape(label) for label in re.findall(r'<td data-label="([^"]*)"><div>', stacked)]
+    assert labels == ["method", "time", 'fit, told "a cone" & r']
+
+
+def test_the_start_page_has_the_rows_of_the_readme() -> None:
+    """Each with the same page and the same command, in the same order."""
+    start = (DOCS / "index.md").read_text(encoding="utf-8")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8").replace("](docs/", "](")
+    row = re.compile(
+        r"^(?:\| )?[^\n`]*\]\(([^)]+)\)[^\n|]* \| ([^\n|]*`[^\n|]*?)(?: \|)?$", re.MULTILINE
+    )
+    rows = row.findall(readme)
+    assert len(rows) > 25
+    assert row.findall(start) == rows
+
+
 def test_the_covers_of_the_measuring_page_are_read() -> None:
     """And every key of every shape is explained there."""
     page = (DOCS / "measuring.md").read_text(encoding="utf-8")
@@ -221,6 +243,12 @@ def test_the_covers_of_the_measuring_page_are_read() -> None:
     assert [cover.layers for cover in covers] == [1, 1, 1, 3, 1, 1, 1]
     for dimension in dimensions():
         assert f"`{dimension.quantity.key}" in page, dimension.quantity.key
+
+
+@pytest.mark.parametrize("page", ["measuring.md", "calibrating.md"])
+def test_a_page_says_how_well_a_plain_index_of_water_is_known(page: str) -> None:
+    text = (DOCS / page).read_text(encoding="utf-8")
+    assert f", sigma: {ANY_WATER.sigma:g}}}" in text
 
 
 def test_the_drawings_are_what_the_program_draws(tmp_path: Path) -> None:

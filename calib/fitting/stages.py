@@ -79,7 +79,9 @@ class Setup:
     the ray path; other numbers start at the means of their priors.
     """
     bare_lens: Mapping[str, float] = field(default_factory=dict)
-    """The unknown intrinsics, px, as the views show them without a cover."""
+    """The unknown intrinsics that `calibrate_bare` finds in the covered views as if there were no
+    cover, focal lengths and principal point in px.
+    """
 
     def with_tolerances(self, settings: Settings) -> Setup:
         """Return the setup with a tolerance for each declared number that the settings estimate.
@@ -220,8 +222,11 @@ def fit_or_none(
 
 
 def _bare_residual(setup: Setup, observations: Observations, declared: Residuals) -> Residuals:
-    """Return the residuals of the camera alone: `declared`, with its lens as it is stated, or with
-    the lens that suits the views best, if nobody knows it.
+    """Return the residuals of the camera alone.
+
+    If the lens is declared, these are `declared`. If it is unknown, they are those of
+    `setup.bare_lens`, with a pose for each view of a flat board. `calibrate_bare` fits that lens
+    together with the board's bend, so another lens may leave less here.
     """
     if not setup.bare_lens:
         return declared
