@@ -1,14 +1,18 @@
 """The motion of the board in bursts: where it was a little later than a placement.
 
 A burst is a series of placements whose pictures follow each other at short intervals, by their
-`time_s`. The path of the board through a burst is a Gaussian process: white noise of the
-acceleration in each of six coordinates, as of a hand that trembles, or of the jerk, as of one that
-swings. The noise has one size for all rotations and one for all translations, of all bursts
-together. The evidence of the placements chooses between the two, and the sizes. So a rough motion
+`time_s`. The path of the board through a burst is a Gaussian process in each of six coordinates,
+with a Matérn covariance: white noise of the acceleration, as of a hand that trembles, or of the
+third or fourth derivative, as of one that swings, and a pull back to the middle. The process has
+one size for all rotations, one for all translations and one time scale, of all bursts together. The
+evidence of the placements chooses between the three, and the sizes and the scale. So a rough motion
 gives uncertain speeds, not wrong ones.
 
+A board that turns back is slowed down in proportion to its distance. Without the pull back, the
+path runs on too far after the last placement of a burst, and a lateness comes out too small.
+
 Source: C. E. Rasmussen, C. K. I. Williams, Gaussian processes for machine learning (2006), sections
-2.2 and 6.3.
+2.2 and 4.2.1.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
@@ -30,18 +35,16 @@ MIN_BURST = 3
 """The fewest placements of a burst: two have no smoothness."""
 MAX_BURST = 40
 """The most placements of which the path is computed together; longer bursts are divided."""
-MARGIN = 0.5
-"""s: a path begins so long before its first placement, more than any camera is late."""
-SPEEDS = np.array([3.0] * 3 + [1.0] * 3)
-"""rad/s and m/s: the prior standard deviations of the board's speed, those of a quick hand."""
 PLACES = np.array([1.0] * 3 + [1.0] * 3)
-"""rad and m: the same of its place in the frame of the first placement of its burst."""
-ACCELERATIONS = np.array([6.0] * 3 + [2.0] * 3)
-"""rad/s^2 and m/s^2: the same of its acceleration, where that has no white noise: those of a swing
-at such speeds in 3 s.
+"""rad and m: the prior standard deviation of the middle of a path in the frame of its first
+placement.
 """
-DECADES = 3.0
-"""The search of this size ends so many factors of ten above and below."""
+LIMITS = np.log([(1e-4, 10.0), (1e-4, 10.0), (0.1, 10.0)])
+"""(3, 2) the search ends at these factors of the sizes of rotations and translations, and of the
+time scale.
+"""
+MATERN = {2: (1.0, 1.0), 3: (1.0, 1.0, 1 / 3), 4: (1.0, 1.0, 2 / 5, 1 / 15)}
+"""The polynomials of the Matérn correlations, by the derivative that has white noise."""
 
 Array = NDArray[np.float64]
 
@@ -58,23 +61,30 @@ class Burst:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Roughness:
-    """The white noise of a path's second or third derivative by time."""
+    """The Matérn process of a path about its middle."""
 
     order: int
-    """2 for the acceleration, 3 for the jerk."""
+    """The derivative by time that has white noise: 2, 3 or 4."""
     sizes: Array
-    """(6,) rad and m, over s^(order - 1/2)."""
+    """(6,) rad and m, the standard deviations."""
+    scale_s: float
+    """The time within which the path turns back, s."""
 
     def scaled(self, factors: Array) -> Roughness:
-        """Return the noise with other sizes of rotations and translations, by (2,) factors."""
-        return Roughness(self.order, self.sizes * np.repeat(factors, 3))
+        """Return the process with other sizes of rotations and translations and another time
+        scale, by (3,) factors.
+        """
+        sizes = self.sizes * np.repeat(factors[:2], 3)
+        return Roughness(self.order, sizes, self.scale_s * float(factors[2]))
+
+    def correlation(self, gaps: Array) -> Array:
+        """Return the correlations of a coordinate at two times, by the gaps between them, s."""
+        lags = np.sqrt(2 * self.order - 1) * np.abs(gaps) / self.scale_s
+        return np.asarray(polyval(lags, MATERN[self.order]) * np.exp(-lags))
 
 
-ROUGHNESSES = (
-    Roughness(2, np.array([1.0] * 3 + [0.1] * 3)),
-    Roughness(3, np.array([10.0] * 3 + [1.0] * 3)),
-)
-"""The noises from which the search starts."""
+ROUGHNESSES = tuple(Roughness(order, np.array([0.3] * 3 + [0.1] * 3), 0.5) for order in MATERN)
+"""The processes from which the search starts: motions of a hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,6 +141,13 @@ class BoardMotion:
         return BoardDisplacement(mean, covariance, is_known)
 
     @property
+    def interval_s(self) -> float:
+        """The median interval between the placements of a burst, s; NaN without a burst."""
+        if not self.bursts:
+            return float("nan")
+        return float(np.median(np.concatenate([np.diff(burst.times) for burst in self.bursts])))
+
+    @property
     def speeds(self) -> tuple[float, float]:
         """The root mean square speeds in bursts, rad/s and m/s; NaN without a burst."""
         moment = self.after(1e-3)
@@ -163,7 +180,7 @@ class _Path:
     """The path of the board through one burst, in the frame of its first placement."""
 
     times: Array
-    """(N,) s, from MARGIN on."""
+    """(N,) s"""
     coordinates: Array
     """(N, 6) the rotation vector from the first placement (rad) and the translation (m)."""
     noise: Array
@@ -185,7 +202,7 @@ class _Path:
             to_coordinates[:3, :3] = np.linalg.inv(to_axes[index])
             noise[index, :, index] = to_coordinates @ covariance @ to_coordinates.T
         return _Path(
-            times=burst.times + MARGIN,
+            times=burst.times,
             coordinates=np.concatenate([vectors.numpy(), shifts], 1),
             noise=noise.reshape(6 * count, 6 * count),
             turns=to_axes,
@@ -222,41 +239,26 @@ class _Path:
 
     def _covariance(self, first: Array, second: Array, roughness: Roughness) -> Array:
         """Return the (6 A, 6 B) prior covariance of the coordinates at (A,) and (B,) times."""
-        early = np.minimum(first[:, None], second)
-        late = np.maximum(first[:, None], second)
-        gap = late - early
-        product = (first - MARGIN)[:, None] * (second - MARGIN)
-        if roughness.order == 2:
-            bend = early**3 / 3 + gap * early**2 / 2
-            accelerations = np.zeros(6)
-        else:
-            bend = early**5 / 20 + gap * early**4 / 8 + gap**2 * early**3 / 12
-            accelerations = ACCELERATIONS
+        correlation = roughness.correlation(first[:, None] - second)
         total = np.zeros((len(first), 6, len(second), 6))
         for axis in range(6):
-            total[:, axis, :, axis] = (
-                PLACES[axis] ** 2
-                + SPEEDS[axis] ** 2 * product
-                + accelerations[axis] ** 2 * product**2 / 4
-                + roughness.sizes[axis] ** 2 * bend
-            )
+            total[:, axis, :, axis] = PLACES[axis] ** 2 + roughness.sizes[axis] ** 2 * correlation
         return total.reshape(6 * len(first), 6 * len(second))
 
 
 def _most_probable(paths: Sequence[_Path], start: Roughness) -> tuple[Roughness, float]:
-    """Return the noise with the most probable sizes, and the log evidence."""
+    """Return the process with the most probable sizes and scale, and the log evidence."""
 
     def cost(logs: Array) -> float:
         return -sum(path.log_evidence(start.scaled(np.exp(logs))) for path in paths)
 
-    limit = DECADES * np.log(10.0)
     solution = minimize(
         cost,
-        np.zeros(2),
+        np.zeros(3),
         method="Nelder-Mead",
-        bounds=[(-limit, limit)] * 2,
+        bounds=[(low, high) for low, high in LIMITS.tolist()],
         options={
-            "initial_simplex": [[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]],
+            "initial_simplex": np.vstack([np.zeros(3), np.diag([-1.0, -1.0, 0.5])]).tolist(),
             "xatol": 0.05,
             "fatol": 0.05,
         },

@@ -10,6 +10,7 @@ flex.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -66,6 +67,8 @@ class RigExplanation:
     random: RandomKind | None = None
     is_late: bool = False
     """True for a constant lateness, whose effect depends on the speed of the board."""
+    interval_s: float = math.nan
+    """Of a constant lateness: the interval between the placements of a burst, s."""
     kind: str = ""
     """Of a slip: one of `KINDS`."""
     own_effect: OwnEffect | None = None
@@ -85,7 +88,13 @@ def explanations(context: RigContext) -> Iterator[RigExplanation]:
     for name in context.compared:
         board = context.of_board(name)
         if is_timed:
-            yield RigExplanation(SYNC_OFFSET, name, rivals=2 * cameras, is_late=True)
+            yield RigExplanation(
+                SYNC_OFFSET,
+                name,
+                rivals=2 * cameras,
+                is_late=True,
+                interval_s=context.motion.interval_s,
+            )
         yield RigExplanation(
             SYNC_OFFSET,
             name,

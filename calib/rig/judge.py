@@ -18,7 +18,7 @@ from calib.rig.held_out_placements import MIN_SHARED as MIN_DIAGNOSED
 from calib.rig.left_out_views import describe_left_out
 from calib.rig.rig import Rig
 from calib.rig.rig_content import Baseline
-from calib.rig.rig_effects import RIG_FLEX, RIG_SLIP
+from calib.rig.rig_effects import RIG_FLEX, RIG_SLIP, SYNC_OFFSET
 from calib.rounding import with_sigma
 from calib.session.deviation import independent_deviation
 from calib.verdict.judge import judge
@@ -57,6 +57,11 @@ MENDING = {
     RIG_SLIP.name: "the rig is as after that; check it before you measure",
 }
 """Advice on the effects of a rig that the user has to mend."""
+RETIME = (
+    "first correct time_s in frames.csv to the true times, write together: {tolerance_ms: 5} in"
+    " rig.yaml, and fit the rig again"
+)
+"""Advice on a delay whose size is not determined."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,11 +194,14 @@ def left_out_pictures(case: RigCase) -> Iterator[Reason]:
 
 def found_effects(case: RigCase) -> Iterator[Reason]:
     """Yield a reason for each effect of the rig that a diagnosis found and that no number of the
-    rig describes: a mounting that is not the same in all placements.
+    rig describes: a mounting that is not the same in all placements, or a delay of unknown size.
     """
     for effect in case.rig.record.effects:
         if effect.effect in MENDING:
             yield Reason(f"{effect.sentence}: {MENDING[effect.effect]}.", case.fit_command)
+        late = effect.parameters.get(f"{SYNC_OFFSET.name}.late")
+        if late and late.sigma >= abs(late.value):
+            yield Reason(f"{effect.sentence}: {RETIME}.", case.fit_command)
 
 
 def same_camera(case: RigCase) -> Iterator[Reason]:

@@ -24,6 +24,8 @@ UNTIMED = (
     f" no {MIN_BURST} placements in a row are within {MAX_INTERVAL:g} s of each other by time_s in"
     " frames.csv. Record bursts of a moving board."
 )
+MAX_SIGMAS = 3.0
+"""A lateness may be larger than the fit states by so many standard deviations."""
 
 
 def parameters_of(fitted: FittedExplanation) -> dict[str, ParameterEstimate]:
@@ -44,6 +46,8 @@ def parameters_of(fitted: FittedExplanation) -> dict[str, ParameterEstimate]:
     if explanation.is_late and fitted.estimate:
         sigma = float(fitted.estimate.covariance[0, 0] ** 0.5)
         value = float(fitted.estimate.value[0])
+        if is_undetermined(fitted):
+            sigma = max(sigma, explanation.interval_s, abs(value))
         return {f"{name}.late": ParameterEstimate(value, sigma, "s")}
     if explanation.varies == EACH_VIEW:
         numbers = ("turn", "rad"), ("shift", "m")
@@ -71,6 +75,17 @@ def parameters_of(fitted: FittedExplanation) -> dict[str, ParameterEstimate]:
     return {}
 
 
+def is_undetermined(fitted: FittedExplanation) -> bool:
+    """Return True for a lateness that may be above half of the interval between the placements of a
+    burst: the fit cannot tell its size from a shift by whole intervals.
+    """
+    if not fitted.explanation.is_late or not fitted.estimate:
+        return False
+    sigma = float(fitted.estimate.covariance[0, 0] ** 0.5)
+    largest = abs(float(fitted.estimate.value[0])) + MAX_SIGMAS * sigma
+    return largest > fitted.explanation.interval_s / 2
+
+
 def describe_found(effect: FoundEffect, fitted: FittedExplanation, partner: str) -> str:
     """Return what was found, as a sentence without a full stop.
 
@@ -83,6 +98,13 @@ def describe_found(effect: FoundEffect, fitted: FittedExplanation, partner: str)
     if effect.effect == SYNC_OFFSET.name and not effect.varies:
         late = numbers[f"{effect.effect}.late"]
         word = "later" if late.value > 0 else "earlier"
+        if is_undetermined(fitted):
+            interval_ms = 1e3 * fitted.explanation.interval_s
+            return (
+                f"{camera} exposes {word} than {partners} by about half of the"
+                f" {interval_ms:.0f} ms between the pictures of a burst, or more, and the size of"
+                " such a delay cannot be told from a shift by whole pictures"
+            )
         size = with_sigma(1e3 * abs(late.value), 1e3 * late.sigma)
         return f"{camera} exposes {size} ms {word} than {partners}"
     if effect.effect == SYNC_OFFSET.name:
@@ -135,6 +157,11 @@ def describe_lateness(fitted: FittedExplanation) -> str:
         return (
             f"Whether {camera} exposes later by a constant time cannot be told: the board hardly"
             " moves in the bursts. Move it faster."
+        )
+    if is_undetermined(fitted):
+        return (
+            f"Whether {camera} exposes later by a constant time cannot be told: a delay above half"
+            " of the interval between the pictures of a burst looks like a shift by whole pictures."
         )
     value = with_sigma(1e3 * float(fitted.estimate.value[0]), 1e3 * sigma)
     return f"{camera} exposes {value} ms later than the others, which is no more than chance."

@@ -14,11 +14,16 @@ import torch
 from calib.cli import main
 from calib.errors import NotEnoughDataError, WrongTypeError
 from calib.rig.diagnose_rig import diagnose_rig
+from calib.rig.explanation_fit import FittedExplanation
+from calib.rig.explanations import RigExplanation
 from calib.rig.fit_rig import fit_rig
 from calib.rig.judge import judge_rig
+from calib.rig.motion_evidence import FixedEstimate
 from calib.rig.poses import move_points
 from calib.rig.rig import Rig
-from calib.rig.rig_effects import RIG_EFFECTS
+from calib.rig.rig_content import FoundEffect
+from calib.rig.rig_effects import RIG_EFFECTS, SYNC_OFFSET
+from calib.rig.rig_sentences import describe_found, describe_lateness, parameters_of
 from fixtures.rig_motion import with_bursts, with_flex
 from fixtures.rigs import SimulatedRig, join_pictures, simulate_rig, with_motion, with_pictures
 from tests.rig.conftest import BOARD, EVEN, WINDOW
@@ -95,6 +100,46 @@ def test_bad_input_gets_a_sentence(fitted: Rig) -> None:
     of_views = {name: places[:4] for name, places in fitted.of_views.items()}
     with pytest.raises(NotEnoughDataError, match="needs 10 or more"):
         diagnose_rig(replace(fitted, calibrations=shorter, of_views=of_views))
+
+
+def lateness_of(value: float, sigma: float) -> FittedExplanation:
+    """Return the fit of a lateness, s, in bursts of 15 pictures a second."""
+    explanation = RigExplanation(SYNC_OFFSET, "right", is_late=True, interval_s=1 / 15)
+    estimate = FixedEstimate(9.0, np.array([value]), np.array([[sigma**2]]))
+    return FittedExplanation(explanation, 9.0, np.ones(2), np.ones(2), estimate, None, (), ())
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "is_determined"),
+    [(8e-3, 5e-5, True), (-0.028, 1e-3, True), (0.0309, 1.4e-3, False), (-0.0435, 1.3e-3, False)],
+)
+def test_the_size_of_a_long_delay_is_not_stated(
+    fitted: Rig, value: float, sigma: float, is_determined: bool
+) -> None:
+    late = lateness_of(value, sigma)
+    numbers = parameters_of(late)
+    effect = FoundEffect("sync_offset", "right", "", "", numbers)
+    effect = replace(effect, sentence=describe_found(effect, late, "left"))
+    diagnosed = replace(fitted, record=replace(fitted.record, effects=(effect,)))
+    advice = [r.sentence for r in judge_rig(diagnosed).reasons if "correct time_s" in r.sentence]
+    assert numbers["sync_offset.late"].value == value
+    assert ("ms later" in effect.sentence or "ms earlier" in effect.sentence) == is_determined
+    assert ("cannot be told" in effect.sentence) != is_determined
+    assert ("cannot be told" in describe_lateness(late)) != is_determined
+    assert bool(advice) != is_determined
+    stated = numbers["sync_offset.late"].sigma
+    assert stated == (sigma if is_determined else pytest.approx(1 / 15))
+
+
+@pytest.mark.slow
+def test_a_delay_of_more_than_a_picture_has_no_size(tmp_path: Path) -> None:
+    rig, _ = fitted_to(
+        lambda rng, pair: with_bursts(rng, pair, 4, 5, late_s={"right": -0.08}), tmp_path
+    )
+    _, diagnosis = diagnose_rig(rig)
+    (effect,) = diagnosis.found
+    assert "right exposes earlier than left by about half of the 67 ms" in effect.sentence
+    assert effect.parameters["sync_offset.late"].sigma == pytest.approx(1 / 15)
 
 
 @pytest.mark.slow

@@ -251,6 +251,29 @@ def test_the_speed_of_the_board_is_that_of_its_path() -> None:
     assert np.array(motion.speeds) == pytest.approx((0.6, 0.2), rel=0.5)
 
 
+def test_a_lateness_without_noise_is_true() -> None:
+    """The regression of the true motions on the predicted ones, from exact placements."""
+    rng = np.random.default_rng(4)
+    late_s, covariance = 8e-3, np.diag(np.repeat([1.5e-4, 3e-5], 3) ** 2)
+    placements, shifts, times = [], [], []
+    for burst in range(8):
+        path = HandPath.draw(rng, (0.4, 1.2), 0.15)
+        for frame in range(5):
+            pose, later_pose = path.at(frame / 15), path.at(frame / 15 + late_s)
+            placements.append(pose.numpy())
+            shifts.append((later_pose - pose).numpy()[3:])
+            times.append(100.0 * burst + frame / 15)
+    covariances = np.tile(covariance, (len(placements), 1, 1))
+    motion = BoardMotion.of(np.array(placements), covariances, np.array(times))
+    assert motion.interval_s == pytest.approx(1 / 15)
+    moved = motion.after(late_s)
+    weights = np.linalg.inv(moved.covariance + 2 * covariances)[:, 3:, 3:]
+    predicted = moved.mean[:, 3:]
+    product = np.einsum("pi,pij,pj", predicted, weights, np.array(shifts))
+    ratio = product / np.einsum("pi,pij,pj", predicted, weights, predicted)
+    assert ratio == pytest.approx(1.0, abs=2.5e-3)
+
+
 def test_bursts_are_placements_at_short_intervals() -> None:
     times = np.array([5.1, 0.0, 0.1, 5.0, 0.2, np.nan, 5.2, 9.0, 9.1])
     first, second = find_bursts(times)
@@ -261,6 +284,7 @@ def test_bursts_are_placements_at_short_intervals() -> None:
     assert [len(burst.places) for burst in find_bursts(np.linspace(0.0, 9.9, 100))] == [34, 33, 33]
     unmoved = BoardMotion.of(np.zeros((3, 6)), np.zeros((3, 6, 6)), np.full(3, np.nan))
     assert not unmoved.after(0.01).is_known.any()
+    assert np.isnan(unmoved.interval_s)
 
 
 def test_times_are_those_of_the_camera_that_has_most() -> None:
