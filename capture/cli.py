@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from calib.commands.command_line import run_command
 from calib.commands.printing import print_error
+from calib.commands.standard_streams import prepare_streams
 from calib.errors import meant
 from capture.commands import record, sources, ui
 
@@ -30,6 +31,7 @@ The name of the first may be omitted: an argument that names no command is its S
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `capture` with these arguments and return its exit code."""
+    prepare_streams()
     argv = sys.argv[1:] if argv is None else list(argv)
     if not argv:
         print_error(

@@ -76,6 +76,7 @@ def run_command(
         args = parser.parse_args(words)
         args.words = list(words)
         _check_current_folder()
+        _check_build_date()
         with _silence_remarks() if getattr(args, "quiet", False) else contextlib.nullcontext():
             code: int | None = args.run(args)
         print(end="", flush=True)  # a full disk raises here; at exit it would be a traceback
@@ -124,6 +125,16 @@ def _check_current_folder() -> None:
         Path.cwd()
     except FileNotFoundError as error:
         raise InputError("The current folder was removed: change to another one.") from error
+
+
+def _check_build_date() -> None:
+    """Raise InputError if SOURCE_DATE_EPOCH is not a time: libraries that write files read it."""
+    text = os.environ.get("SOURCE_DATE_EPOCH", "")
+    if text and not (text.isascii() and text.isdigit() and len(text) < 12):
+        raise InputError(
+            f"The environment variable SOURCE_DATE_EPOCH is {brief(text)!r}: unset it, or write the"
+            " whole seconds since 1970, such as 1700000000."
+        )
 
 
 def _spell_plainly() -> None:

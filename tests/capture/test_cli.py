@@ -3,11 +3,13 @@ traceback.
 """
 
 import json
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -459,6 +461,11 @@ def test_capture_without_arguments_asks_for_a_folder(capsys: pytest.CaptureFixtu
     assert capsys.readouterr().err.startswith(
         "capture: error: name a folder, which is made if need be: capture SESSION"
     )
+
+
+def test_capture_without_arguments_and_stderr_has_its_exit_code() -> None:
+    done = capture(preexec_fn=partial(os.close, 2), stderr=None, capture_output=False)
+    assert done.returncode == 2
 
 
 def test_a_misspelt_command_is_no_session(capsys: pytest.CaptureFixture[str]) -> None:

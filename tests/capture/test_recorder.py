@@ -393,7 +393,9 @@ def test_complete_rows_remain_if_a_file_may_not_grow(tmp_path: Path, limit: int)
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
     done = capture(
-        "record", session, "--source", f"folder:{source}?speed=max", "--all", preexec_fn=limited
+        *("record", session, "--source", f"folder:{source}?speed=max", "--all"),
+        preexec_fn=limited,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # the limit would truncate it
     )
     assert done.returncode == 4, done.stderr
     assert "File too large" in done.stderr

@@ -515,6 +515,17 @@ def close_all(numbers: Sequence[int]) -> None:
         os.close(number)
 
 
+@pytest.mark.parametrize("text", ["abc", "-1", "1e9"])
+def test_a_build_date_that_is_no_time_gets_a_sentence(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", text)
+    assert main(["init", str(tmp_path / "session")]) == 2
+    assert f"SOURCE_DATE_EPOCH is {text!r}: unset it" in capsys.readouterr().err
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    assert main(["init", str(tmp_path / "session")]) == 0
+
+
 def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
     """The next file that is opened would have the number of the closed one."""
     code = (
