@@ -22,7 +22,6 @@ from calib.io.images import (
     SIXTEEN_BIT,
     SUFFIXES,
     TYPES,
-    DamagedPictureError,
     list_images,
     read_image,
     session_pictures,
@@ -46,8 +45,8 @@ class UndistortedFiles:
     """The files that were written."""
     cut_off: tuple[str, ...]
     """A sentence for each video that is cut off."""
-    damaged: tuple[str, ...]
-    """A sentence for each picture of a folder that is damaged, and left out."""
+    left_out: tuple[str, ...]
+    """A sentence for each picture of a folder that is damaged, or of another size."""
     black: float
     """0 to 1, the part of the last picture that the camera does not see."""
 
@@ -79,9 +78,9 @@ def undistort_files(
     """Undistort pictures and videos into a folder.
 
     Raises:
-        DamagedPictureError: a picture that was named is damaged, or all pictures of a folder.
         InputError: a file cannot be read or written, or a foreign file has the name of a new one.
-            Foreign files are found before anything is written.
+            Foreign files are found before anything is written. Or a picture that was named is
+            damaged or of another size than the calibration, or all pictures of a folder are.
     """
     paths: list[Path] = []
     for path in inputs:
@@ -105,7 +104,7 @@ def undistort_files(
     advance = progress.task("Undistort", len(paths))
     written: list[Path] = []
     cut_off: list[str] = []
-    damaged: list[str] = []
+    left_out: list[str] = []
     for done, path in enumerate(paths):
         advance(done, path.name)
         if isinstance(options.depth, Path) and options.depth.is_dir() and done:
@@ -116,17 +115,16 @@ def undistort_files(
             cut_off += filter(None, [sentence])
         else:
             try:
-                picture = read_image(path)
-            except DamagedPictureError as error:
+                straight = _undistort_picture(path, undistorter)
+            except InputError as error:
                 if path in inputs or (done == len(paths) - 1 and not written):
                     raise
-                damaged.append(str(error))
+                left_out.append(str(error))
                 continue
-            image = _encode(_undistort_picture(path, picture, undistorter), path)
-            written.append(output.write(path.name, image))
+            written.append(output.write(path.name, _encode(straight, path)))
     advance(len(paths), "")
     black = 1 - float(undistorter.valid.mean())
-    return UndistortedFiles(tuple(written), tuple(cut_off), tuple(damaged), black)
+    return UndistortedFiles(tuple(written), tuple(cut_off), tuple(left_out), black)
 
 
 def _pictures(folder: Path) -> tuple[Path, ...]:
@@ -134,7 +132,9 @@ def _pictures(folder: Path) -> tuple[Path, ...]:
     return list_images(folder) or session_pictures(folder)
 
 
-def _undistort_picture(path: Path, image: Image, undistorter: Undistorter) -> Image:
+def _undistort_picture(path: Path, undistorter: Undistorter) -> Image:
+    """Return the undistorted picture of a file; InputError if it is damaged or of another size."""
+    image = read_image(path)
     try:
         return undistorter.undistort(image)
     except InputError as error:

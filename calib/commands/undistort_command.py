@@ -179,7 +179,7 @@ def _straighten_files(
     # what another process writes during the wait is not replaced: `output` does not list it
     with hold_folder(args.output, lambda: print_remark(_waiting(args.output))):
         done = undistort_files(calibration, args.images, wanted, output, progress)
-    for sentence in done.damaged:
+    for sentence in done.left_out:
         print_remark(f"left out: {sentence}")
     remark = ""
     if args.depth is None and done.black == 1:

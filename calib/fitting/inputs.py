@@ -39,6 +39,12 @@ from calib.session.session import Session
 if TYPE_CHECKING:  # it loads torch
     from calib.calibration import Calibration
 
+FOREIGN_TABLE = (
+    "it names none of the pictures, so their times and poses are not known: write the pictures'"
+    " names in its column file"
+)
+"""The reason why a frames.csv is not used."""
+
 
 @dataclass(frozen=True, slots=True)
 class FitInputs:
@@ -80,7 +86,8 @@ def read_views(
     Corners come from the points or the corners file, or are detected in the pictures, at least
     `min_views` of them showing the board. Times and pose ids come from frames.csv.
     """
-    records = read_frame_records(session.path / FRAMES_TABLE)
+    table = session.path / FRAMES_TABLE
+    records = read_frame_records(table)
     rejected: tuple[RejectedPicture, ...] = ()
     if session.points:
         views = views_of_points(session.points)
@@ -106,6 +113,10 @@ def read_views(
     recorded = [
         _with_record(view, records.get(Path(view.name).name, FrameRecord())) for view in views
     ]
+    names = {frame.name for frame in session.frames}
+    names.update(Path(picture.name).name for picture in (*views, *rejected, *copies))
+    if records and names.isdisjoint(records):
+        copies = (*copies, RejectedPicture(table.name, FOREIGN_TABLE))
     return join_still_poses(recorded), (*rejected, *copies)
 
 

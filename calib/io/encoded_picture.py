@@ -5,6 +5,7 @@ may hold a picture of 4 GB.
 import re
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,7 +43,12 @@ TIFF_TYPES = {1: "B", 3: "H", 4: "I", 16: "Q"}
 """The types of whole numbers in a TIFF's directory, and their codes for `struct`."""
 WIDTH, HEIGHT, BITS, SAMPLES = 256, 257, 258, 277
 TILE_WIDTH, TILE_HEIGHT = 322, 323
+SUBFILE = 254
 """Tags of a TIFF's directory."""
+THUMBNAIL_OR_MASK = 1 | 4
+"""Bits of the tag SUBFILE."""
+MAX_PAGES = 1000
+"""The largest number of directories that are followed: damaged ones may point to each other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,16 +188,54 @@ def _pnm_fields(data: bytes) -> re.Match[bytes]:
     return fields
 
 
+def tiff_pages(data: bytes) -> int:
+    """Return the number of pages of a TIFF that have the size of the first one, without thumbnails
+    and masks. Directories that are damaged do not count.
+    """
+    sizes: dict[int, tuple[int, int]] = {}
+    with suppress(struct.error, KeyError, OverflowError):
+        offset = _first_directory(data)
+        while offset and offset not in sizes and len(sizes) < MAX_PAGES:
+            tags, following = _tiff_directory(data, offset)
+            is_page = not tags.get(SUBFILE, 0) & THUMBNAIL_OR_MASK
+            sizes[offset] = (tags[WIDTH], tags[HEIGHT]) if is_page else (0, 0)
+            offset = following
+    return list(sizes.values()).count(next(iter(sizes.values()), (0, 0)))
+
+
 def _tiff_header(data: bytes) -> PictureHeader:
     """Read the file's first picture. Its bytes are those of one tile of it if a tile is larger."""
-    order = "<" if data.startswith(b"II") else ">"
-    large = data[2:4] in (b"+\0", b"\0+")
-    count_format, entry_format = ("Q", "HHQ8s") if large else ("H", "HHI4s")
+    tags, _ = _tiff_directory(data, _first_directory(data))
+    tags = {BITS: 1, SAMPLES: 1, TILE_WIDTH: 0, TILE_HEIGHT: 0} | tags
+    width, height = tags[WIDTH], tags[HEIGHT]
+    tile = tags[TILE_WIDTH] * tags[TILE_HEIGHT]
+    channels = max(tags[SAMPLES], 3 if tags[BITS] <= 8 else 1)  # a palette becomes colours
+    decoded_bytes = max(width * height, tile) * channels * _whole_bytes(tags[BITS])
+    return PictureHeader(width, height, decoded_bytes)
+
+
+def _tiff_format(data: bytes) -> tuple[str, bool]:
+    """Return the order of a TIFF's bytes, for `struct`, and whether its offsets have 64 bits."""
+    return ("<" if data.startswith(b"II") else ">"), data[2:4] in (b"+\0", b"\0+")
+
+
+def _first_directory(data: bytes) -> int:
+    """Return the offset of the first directory of a TIFF."""
+    order, large = _tiff_format(data)
     (offset,) = struct.unpack_from(order + ("Q" if large else "I"), data, 8 if large else 4)
+    return int(offset)
+
+
+def _tiff_directory(data: bytes, offset: int) -> tuple[dict[int, int], int]:
+    """Return the whole numbers of a TIFF's directory by their tags, and the offset of the next
+    directory; 0 if it is the last one, or if the file ends before that offset.
+    """
+    order, large = _tiff_format(data)
+    count_format, entry_format = ("Q", "HHQ8s") if large else ("H", "HHI4s")
     (count,) = struct.unpack_from(order + count_format, data, offset)
     offset += struct.calcsize(order + count_format)
     entry_size = struct.calcsize(order + entry_format)
-    tags = {BITS: 1, SAMPLES: 1, TILE_WIDTH: 0, TILE_HEIGHT: 0}
+    tags: dict[int, int] = {}
     for index in range(min(count, 4096)):
         tag, kind, values, content = struct.unpack_from(
             order + entry_format, data, offset + index * entry_size
@@ -205,11 +249,9 @@ def _tiff_header(data: bytes) -> PictureHeader:
                 (tags[tag],) = struct.unpack_from(form, data, value_offset)
             else:
                 (tags[tag],) = struct.unpack_from(form, content)
-    width, height = tags[WIDTH], tags[HEIGHT]
-    tile = tags[TILE_WIDTH] * tags[TILE_HEIGHT]
-    channels = max(tags[SAMPLES], 3 if tags[BITS] <= 8 else 1)  # a palette becomes colours
-    decoded_bytes = max(width * height, tile) * channels * _whole_bytes(tags[BITS])
-    return PictureHeader(width, height, decoded_bytes)
+    end = offset + count * entry_size
+    following = data[end : end + (8 if large else 4)]
+    return tags, int.from_bytes(following, "little" if order == "<" else "big")
 
 
 def _whole_bytes(bits: int) -> int:

@@ -29,6 +29,7 @@ from calib.io.encoded_picture import (
     jpeg_segments,
     pnm_bytes,
     read_header,
+    tiff_pages,
 )
 from calib.io.files import read_file
 from calib.io.videos import OTHER_VIDEOS, VIDEOS
@@ -155,8 +156,8 @@ def _decode(path: Path, data: bytes) -> Image:
 
 
 def _check_complete(path: Path, data: bytes) -> None:
-    """Raise DamagedPictureError if a file is empty, of a type that only its name hides, or shorter
-    than it says; the pixels are not decoded.
+    """Raise DamagedPictureError if a file is empty, of a type that only its name hides, shorter
+    than it says, or has several pages; the pixels are not decoded.
     """
     if not data:
         raise DamagedPictureError.of(path, "is an empty file", "copy it again, or remove it")
@@ -167,6 +168,9 @@ def _check_complete(path: Path, data: bytes) -> None:
         if data.startswith(magic) and not is_complete(data):
             advice = "copy it again, or remove it"
             raise DamagedPictureError.of(path, "is truncated or damaged", advice)
+    if data.startswith(TIFF) and (pages := tiff_pages(data)) > 1:
+        advice = "save each page as a picture of its own"
+        raise DamagedPictureError.of(path, f"has {pages} pages", advice)
 
 
 def read_grey(path: Path) -> Image:

@@ -131,6 +131,24 @@ def test_a_session_has_its_pictures_in_frames(folder: Path, tmp_path: Path) -> N
     assert (tmp_path / "out" / "a.png").is_file()
 
 
+def test_a_picture_of_another_size_in_a_folder_is_left_out(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inputs = tmp_path / "in"
+    inputs.mkdir()
+    cv2.imwrite(str(inputs / "a.png"), np.zeros((48, 64), np.uint8))
+    options = ("--depth", "0.5", "-o", tmp_path / "out")
+    assert run(folder, inputs, *options) == 2, "none is of the size of the calibration"
+    assert "a.png: the picture is 64x48 px where" in capsys.readouterr().err
+    cv2.imwrite(str(inputs / "b.png"), ramp(0))
+    assert run(folder, inputs, *options) == 0
+    captured = capsys.readouterr()
+    assert captured.out.split() == [str(tmp_path / "out" / "b.png")]
+    assert "left out: " in captured.err
+    assert "a.png: the picture is 64x48 px where the calibration is for 410x308" in captured.err
+    assert run(folder, inputs / "a.png", inputs / "b.png", *options) == 2, "it was named"
+
+
 def test_a_folder_may_hold_videos_and_pictures(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -113,6 +113,18 @@ def test_every_picture_is_decoded_once_and_never_again(
     assert sorted(decoded.values()) == [1, 1, 1]
 
 
+def test_a_table_of_other_pictures_is_listed(made: Scene, tmp_path: Path) -> None:
+    folder = write_session(tmp_path, made)
+    table = folder / "frames.csv"
+    table.write_text("file,time_s\nelsewhere.png,1.5\n")
+    views, rejected = read_views(read_session(folder), Silent())
+    assert len(views) == len(made.views)
+    assert [picture.name for picture in rejected] == ["frames.csv"]
+    assert "names none of the pictures" in rejected[0].reason
+    table.write_text(f"file,time_s\nelsewhere.png,1.5\n{views[0].name},2.5\n")
+    assert read_views(read_session(folder), Silent())[1] == ()
+
+
 def test_an_invalid_time_is_refused(made: Scene, tmp_path: Path) -> None:
     folder = write_session(tmp_path, made)
     (folder / "frames.csv").write_text("file,time_s,view\n0000.png,,\n0001.png,noon,0\n")

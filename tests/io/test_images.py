@@ -1,5 +1,6 @@
 """Pictures: as stored when whole, refused when not."""
 
+import struct
 from pathlib import Path
 
 import cv2
@@ -8,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.errors import InputError
+from calib.io.encoded_picture import tiff_pages
 from calib.io.images import SUFFIXES, image_size, list_images, read_grey, read_image, stated_size
 
 LOSSLESS = (".png", ".tif", ".tiff", ".bmp", ".npy", ".pnm")
@@ -48,6 +50,33 @@ def test_foreign_byte_order_and_column_order_become_native(tmp_path: Path) -> No
     assert read.dtype == np.uint16
     assert read.flags.c_contiguous
     np.testing.assert_array_equal(read, pixels)
+
+
+@pytest.mark.parametrize("pages", [1, 3])
+def test_a_tiff_of_several_pages_is_refused(pages: int, tmp_path: Path) -> None:
+    path = tmp_path / "a.tiff"
+    page = noise(48, 64)
+    cv2.imwritemulti(str(path), [page] * pages)
+    if pages == 1:
+        assert np.array_equal(read_image(path), page)
+        return
+    for read in (read_image, image_size):
+        with pytest.raises(InputError, match=r"a\.tiff has 3 pages: save each page as a picture"):
+            read(path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "height", "pages"), [(0, 48, 2), (2, 48, 2), (1, 48, 1), (4, 48, 1), (0, 24, 1)]
+)
+def test_a_thumbnail_is_no_page(kind: int, height: int, pages: int) -> None:
+    """Two directories that point to each other; the second one states its kind, 1 for a picture of
+    reduced size, and 4 for a mask.
+    """
+    size = struct.pack("<HHIIHHII", 256, 4, 1, 64, 257, 4, 1, 48)
+    other_size = struct.pack("<HHIIHHII", 256, 4, 1, 64, 257, 4, 1, height)
+    first = struct.pack("<H", 2) + size + struct.pack("<I", 8 + 30)
+    second = struct.pack("<HHHII", 3, 254, 4, 1, kind) + other_size + struct.pack("<I", 8)
+    assert tiff_pages(b"II*\0" + struct.pack("<I", 8) + first + second) == pages
 
 
 def test_alpha_is_dropped(tmp_path: Path) -> None:
