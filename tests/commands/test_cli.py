@@ -526,6 +526,18 @@ def test_a_build_date_that_is_no_time_gets_a_sentence(
     assert main(["init", str(tmp_path / "session")]) == 0
 
 
+@pytest.mark.parametrize("program", ["calib", "capture"])
+def test_ctrl_c_during_the_imports_prints_no_traceback(program: str) -> None:
+    code = (
+        "import builtins, signal, sys; sys.meta_path.insert(0, builtins);"
+        "builtins.find_spec = lambda name, *_: name.endswith('.cli') and"
+        " signal.raise_signal(signal.SIGINT) or None;"
+        f"from {program}.__main__ import run; sys.exit(run())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, f"{program}: interrupted.\n")
+
+
 def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
     """The next file that is opened would have the number of the closed one."""
     code = (
