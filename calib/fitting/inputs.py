@@ -114,7 +114,8 @@ def read_views(
         _with_record(view, records.get(Path(view.name).name, FrameRecord())) for view in views
     ]
     names = {frame.name for frame in session.frames}
-    names.update(Path(picture.name).name for picture in (*views, *rejected, *copies))
+    names.update(Path(view.name).name for view in views)
+    names.update(Path(picture.name).name for picture in (*rejected, *copies))
     if records and names.isdisjoint(records):
         copies = (*copies, RejectedPicture(table.name, FOREIGN_TABLE))
     return join_still_poses(recorded), (*rejected, *copies)
