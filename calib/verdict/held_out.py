@@ -57,6 +57,8 @@ def held_out(case: Case) -> Iterator[Reason]:
         is_diagnosed = case.calibration.history.diagnosis is not None
         diagnose = case.next.diagnose("--holdout", case.holdout)
         next_command = case.next.report() if is_diagnosed else diagnose
+        if is_elsewhere:  # a diagnosis of the calibration's own views says nothing of these
+            next_command = case.next.check(case.holdout)
         which = "these views" if count else "views that were not fitted"
         yield Reason(
             f"{which} have {error:.3f} px where the calibration's own have {case.left_px:.3f}"

@@ -43,6 +43,7 @@ def test_pictures_of_something_else_must_not_be_used(good: Calibration) -> None:
     assert reason.word is Trust.DO_NOT_USE
     assert "do not use it for such pictures" in reason.sentence
     assert reason.sentence.startswith("views that were not fitted have 0.610 px")
+    assert reason.next == f"calib check '{SESSION}/calibration' 'other views'"
     (reason,) = asked(held_out, noisy, evaluation=evaluated(0.49, 0.4, 1.0))
     assert reason.word is Trust.CARE
     fitted = replace(evaluated(0.61, 0.4, 1.0), fitted_views=5)
