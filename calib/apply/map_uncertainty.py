@@ -10,6 +10,7 @@ their rays, as if the camera looked straight at each corner.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -146,9 +147,20 @@ def map_sigmas(calibration: Calibration, depths: Sequence[float]) -> dict[float,
     }
 
 
-def describe_sigmas(sigmas: Mapping[float, float]) -> str:
-    """Return the standard deviations of maps in px by depth in m as text, each with two digits."""
-    return ", ".join(f"{two_digits(sigma)} px at {depth:g} m" for depth, sigma in sigmas.items())
+def describe_sigmas(
+    sigmas: Mapping[float, float], reach: tuple[float, float] = (0.0, math.inf)
+) -> str:
+    """Return the standard deviations of maps in px by depth in m as text, each with two digits.
+
+    Args:
+        reach: m, the depths of the nearest and of the farthest board: others are marked.
+    """
+    nearest, farthest = reach
+    return ", ".join(
+        f"{two_digits(sigma)} px at {depth:g} m"
+        f"{'' if nearest <= depth <= farthest else ' (no board was there)'}"
+        for depth, sigma in sigmas.items()
+    )
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

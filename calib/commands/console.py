@@ -39,14 +39,16 @@ from calib.io.numerals import counted
 from calib.progress import Advance
 from calib.session.lens import NAMES
 from calib.table import board_error
+from calib.verdict.residual import asks_for_cover
 from calib.verdict.thresholds import NO_BETTER
 from calib.verdict.uncertainty import reached_depths
+from calib.verdict.verdict import Verdict
 
 AS_WELL = 1.2
 """The largest error of held-out views, over that of the fitted ones, that is called as good."""
 TITLE_WIDTH = 22
-NUMBER_WIDTH = len(" (2)")
-"""The width of the number behind a title that comes again."""
+REPEATED = ", again"
+"""The words behind a title that repeats."""
 BAR_WIDTH = 20
 
 
@@ -59,12 +61,14 @@ class _Narrator(Console):
 
 
 class Bars:
-    """Progress bars on stderr, one for each task. Tasks of one title are numbered."""
+    """Progress bars on stderr, one for each task. A title that repeats says so."""
 
     def __init__(self) -> None:
         columns = (
             TextColumn(
-                "{task.description}", markup=False, table_column=_column(TITLE_WIDTH + NUMBER_WIDTH)
+                "{task.description}",
+                markup=False,
+                table_column=_column(TITLE_WIDTH + len(REPEATED)),
             ),
             BarColumn(bar_width=BAR_WIDTH, table_column=_column(BAR_WIDTH)),
             TextColumn("{task.completed:>4.0f}/{task.total:<4.0f}", table_column=_column(9)),
@@ -89,7 +93,7 @@ class Bars:
     def task(self, title: str, total: int) -> Advance:
         self._progress.start()
         self._titles[title] += 1
-        repeats = f" ({self._titles[title]})" if self._titles[title] > 1 else ""
+        repeats = REPEATED if self._titles[title] > 1 else ""
         bar: TaskID = self._progress.add_task(brief(title) + repeats, total=total, words="")
         return lambda done, words: self._progress.update(bar, completed=done, words=brief(words))
 
@@ -99,8 +103,14 @@ def _column(width: int | None = None) -> Column:
     return Column(width=width, min_width=width, no_wrap=True, overflow="ellipsis")
 
 
-def print_fit(calibration: Calibration, seconds: float) -> None:
-    """Print the table of stages, the numbers of views and corners, and the rejected pictures."""
+def print_fit(calibration: Calibration, seconds: float, verdict: Verdict | None = None) -> None:
+    """Print the table of stages, the numbers of views and corners, and the rejected pictures.
+
+    Args:
+        verdict: that on the calibration; findings about the board are guesses where it asks for a
+            cover.
+    """
+    verb = "may be" if verdict and asks_for_cover(verdict) else "is"
     console = Console()
     console.print(_stages(calibration.stages))
     print_description(console, calibration)
@@ -123,8 +133,8 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         *_lens(calibration),
         *_prior(calibration),
         *describe_still(calibration.views),
-        *_turned_boards(calibration),
-        *filter(None, [describe_bend(calibration)]),
+        *_turned_boards(calibration, verb),
+        *filter(None, [describe_bend(calibration, verb)]),
         *filter(None, [uncertainty.heavy_sentence if uncertainty else ""]),
         *_maps(calibration),
         *reach,
@@ -151,18 +161,22 @@ def _stages(stages: Sequence[Stage]) -> Table:
 
 
 def _maps(calibration: Calibration) -> Iterator[str]:
-    """Yield a line on the standard deviation of the maps, where the board was."""
+    """Yield a line on the standard deviation of the maps in the part of the picture where the board
+    was.
+    """
     try:
         command = calibration.request.command
         requested = command.depths if command else ()
-        sigmas = map_sigmas(calibration, sorted({*requested, *reached_depths(calibration)}))
+        reached = reached_depths(calibration)
+        sigmas = map_sigmas(calibration, sorted({*requested, *reached}))
     except InputError:  # corners lie behind the camera: the verdict says so
         return
     if sigmas:
         near, far = distance_range(corners_at(calibration)[:, 2])
+        described = describe_sigmas(sigmas, (min(reached), max(reached)))
         yield (
-            f"Expected error of the maps (sigma), where the board was: {describe_sigmas(sigmas)}."
-            f" The boards support maps for {describe_trusted(near, far)}."
+            "Expected error of the maps (sigma), in the part of the picture where the board was:"
+            f" {described}. The boards support maps for {describe_trusted(near, far)}."
         )
 
 
@@ -181,12 +195,12 @@ def _lens(calibration: Calibration) -> Iterator[str]:
     yield f"Lens: {intrinsics.model}, by the error on held-out views: {', '.join(errors)}."
 
 
-def _turned_boards(calibration: Calibration) -> Iterator[str]:
+def _turned_boards(calibration: Calibration, verb: str) -> Iterator[str]:
     """Yield a line on the views that showed the board turned, if there are any."""
     if names := calibration.outcome.turned_boards:
-        yield describe_turned(names)
+        yield describe_turned(names, verb=verb)
     if names := calibration.outcome.half_turned_boards:
-        yield describe_turned(names, "half a turn")
+        yield describe_turned(names, "half a turn", verb)
 
 
 def _unseen_cover(calibration: Calibration) -> Iterator[str]:

@@ -28,6 +28,8 @@ by 2.01 and -1.49 degrees, and session.yaml does not say so. The command copies 
 commands that you would type for your own camera, and shows what they print.
 """
 EXAMPLES = ("calib demo", "calib demo -o try --no-open")
+OWN_FIT = "calib fit PICTURES --board 9x6 --square-mm MM --cover flat"
+"""The first command for pictures of a camera of one's own."""
 QUIET = "print no progress, no remarks and no tables"
 FOLDER = "refracal-demo"
 SESSION = "session.yaml"
@@ -86,6 +88,7 @@ def run(args: argparse.Namespace) -> None:
             _step(command, words, args)
             print()
         print(f"Before: {picture}\nAfter:  {straight / PICTURE}\nReport: {report}")
+        print(f"Now your own: {runnable_command(OWN_FIT)}")
     if not (args.no_open or args.json):
         show_report(report)
 

@@ -27,6 +27,7 @@ from calib.io.shell import shell_path
 from calib.session.lens import LENSES
 
 if TYPE_CHECKING:
+    from calib.corners.board_search import FoundBoard
     from calib.importing.picture_session import NamedPictures
     from calib.progress import Progress
     from calib.session.board import Board
@@ -347,6 +348,19 @@ def _words_without_board(args: argparse.Namespace) -> list[str]:
     return words
 
 
+def describe_search(finding: "FoundBoard", count: int) -> str:
+    """Return how many of the searched pictures show the board, of `count` pictures, in words."""
+    searched = finding.searched
+    if searched == count:
+        return f"{finding.pictures} of {counted(searched, 'picture')}"
+    shown = (
+        f"all {counted(searched, 'picture')}"
+        if finding.pictures == searched > 1
+        else f"{finding.pictures} of the {counted(searched, 'picture')}"
+    )
+    return f"{shown} that {'was' if searched == 1 else 'were'} searched (there are {count})"
+
+
 def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Progress") -> "Board":
     """Look for a board in the pictures, and return it with what the options state.
 
@@ -381,10 +395,7 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
     kind = str(options.get("type", finding.kind))
     count = len(source.pictures)
     side = finding.side_key
-    sentence = (
-        f"{finding.sentence} in {finding.pictures} of {counted(finding.searched, 'picture')}"
-        f"{f', of {count} in all' if count > finding.searched else ''}."
-    )
+    sentence = f"{finding.sentence} in {describe_search(finding, count)}."
     if (
         side not in options
         or kind != finding.kind
@@ -394,7 +405,7 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
         kept = shlex.join(_words_without_board(args))
         mistaken = options.get("square_mm" if side == "tag_mm" else "tag_mm")
         typed = options.get(side, mistaken)
-        described = finding.options_for(float(str(typed))) if typed else finding.options
+        described = finding.options_for(float(str(typed)) if typed else None)
         command = " ".join(filter(None, ("calib fit", source.words, kept, described)))
         if args.board not in (None, finding.size):
             reason = "--board says {}x{}: type".format(*args.board)
@@ -405,8 +416,7 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
             reason = f"The side of a {cell} is --{cell}-mm: type"
         else:
             reason = f"{UNKNOWN_SIDE[finding.board.cell]}: measure one, and type"
-        advice = "" if side in options else ", with your own millimetres"
-        raise InputError(f"{sentence} {reason} {command}{advice}.")
+        raise InputError(f"{sentence} {reason} {command}.")
     print_remark(sentence)
     scale = float(str(options[side]))
     return read_board(Section({**finding.to_yaml(scale), **options}, "The command line"))

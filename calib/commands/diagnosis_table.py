@@ -89,6 +89,8 @@ def _legend(finding: Diagnosis) -> Iterator[str]:
         yield "Given fit: the calibration that you gave, as it is."
     if finding.added and not finding.earlier:
         yield "Plain fit: this model with a flat board and no effect."
+        yield "It uses the priors of the given fit, so it may differ a"
+        yield 'little from the row "fitted cover" of calib fit.'
 
 
 def _candidate_lines(finding: Diagnosis) -> Iterator[str]:

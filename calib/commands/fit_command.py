@@ -142,7 +142,7 @@ def run(args: argparse.Namespace) -> None:
                 )
             else:
                 if not args.quiet:
-                    print_fit(calibration, seconds)
+                    print_fit(calibration, seconds, verdict)
                     for line in fringes_lines(predict_fringes(calibration, depths)):
                         print(line)
                 if finding and not args.quiet:

@@ -187,7 +187,7 @@ def _straighten_files(
     if args.crop is None and args.depth is not None and done.black:
         remark = (
             f"{_percent(done.black)} of the straight picture is black: the camera does not see it."
-            " --crop 0 cuts it off, and enlarges the rest."
+            " Type --crop 0 for a picture with no black border."
         )
     return Straightened(done.paths, done.cut_off, remark)
 

@@ -8,17 +8,12 @@ from rich.console import Console
 from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.io.result_names import CALIBRATION_ARRAYS, CALIBRATION_FILE
-from calib.verdict.next_commands import HOLDOUT, NEW_FILM
+from calib.verdict.next_commands import HOLDOUT, HOLDOUT_NOTE, NEW_FILM
 from calib.verdict.verdict import Trust, Verdict
 
 COLOURS = {Trust.TRUSTED: "green", Trust.CARE: "yellow", Trust.DO_NOT_USE: "red"}
 """The colour of each grade in a terminal."""
 RIG_HOLDOUT_NOTE = "HOLDOUT is the folder of another recording of this rig."
-HOLDOUT_NOTE = (
-    "HOLDOUT is a folder of other pictures of this camera. If you have none, calib fit --folds 5"
-    " sets some of these aside as a test."
-)
-
 
 FILM_NOTE = (
     f"{NEW_FILM} is a new video: film the board again with this camera, and give the options that"

@@ -102,17 +102,24 @@ class FoundBoard:
     @property
     def options(self) -> str:
         """The options of a command line that describe the board, with an example of its size."""
-        return self.options_for(float(str(EXAMPLES[self.kind][self.side_key])))
+        return self.options_for(self._example_mm)
 
-    def options_for(self, side_mm: float) -> str:
+    @property
+    def _example_mm(self) -> float:
+        return float(str(EXAMPLES[self.kind][self.side_key]))
+
+    def options_for(self, side_mm: float | None) -> str:
         """Return the options of a command line that describe the board with squares or tags of this
-        side, mm.
+        side, mm. None: the word MM stands for each length.
         """
         words = []
-        for key, value in self.to_yaml(side_mm).items():
+        for key, value in self.to_yaml(side_mm or self._example_mm).items():
             if key in ("columns", "rows") or value is False:
                 continue
             option = f"--{key.replace('_', '-')}"
+            if side_mm is None and key.endswith("_mm"):
+                words += [option, "MM"]
+                continue
             words += (
                 [option]
                 if value is True

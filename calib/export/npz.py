@@ -47,7 +47,7 @@ def write_npz(
     calibration: Calibration, depths: Sequence[float], files: FileSet, progress: Progress
 ) -> list[Path]:
     """Write rays.npz and one map file for each depth (m), and return their paths."""
-    advance = progress.task("Maps", 1 + len(depths))
+    advance = progress.task("Rays and maps", 1 + len(depths))
     field = calibration.ray_field()
     sigma = predicted_sigma(calibration)
     written = [_write_field(field, sigma, calibration, files)]

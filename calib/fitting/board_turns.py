@@ -115,10 +115,10 @@ def turn_back(view: View, board: Board, quarters: int = 1) -> View:
     )
 
 
-def describe_turned(names: Sequence[str], turn: str = "a quarter turn") -> str:
+def describe_turned(names: Sequence[str], turn: str = "a quarter turn", verb: str = "is") -> str:
     """Return a sentence on the views whose corners were renumbered."""
     return (
-        f"The board is turned by {turn} in {len(names)} view{'s' * (len(names) > 1)}, and"
+        f"The board {verb} turned by {turn} in {len(names)} view{'s' * (len(names) > 1)}, and"
         f" the corners there are renumbered: {', '.join(names)}."
     )
 

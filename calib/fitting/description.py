@@ -35,11 +35,11 @@ from calib.table import Table, TableSection
 
 COLUMNS = ("", "calibrated ± sigma", "declared ± tolerance", "remark", "difference")
 """The headings. The fourth column says whether a number was not fitted, corrected,
-contradicted or hardly measured, the last one how far the calibrated number is from the
+contradicted or not improved, the last one how far the calibrated number is from the
 declared one.
 """
 NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined"
-CONTRADICTED, NOT_MEASURED = "contradicted", "not measured"
+CONTRADICTED, NOT_IMPROVED = "contradicted", "not improved"
 ANY_SHAPE, VAGUE = "any shape", "hardly known"
 MAX_VAGUENESS = 0.05
 """The largest sigma of a focal length, relative to it, that gets no mark."""
@@ -49,7 +49,7 @@ NOTES = {
         "the pictures give another value, 3 of its sigmas away or more, which your tolerance"
         " allows."
     ),
-    NOT_MEASURED: "these pictures do not narrow your tolerance.",
+    NOT_IMPROVED: "these pictures do not narrow your tolerance.",
     UNDETERMINED: "you gave no value, and these pictures do not determine it.",
     CONTRADICTED: "the pictures do not agree with the declared number.",
     ANY_SHAPE: "sigma is for all shapes of the cover that fit these pictures.",
@@ -60,12 +60,12 @@ HELD_AS_ASKED = "None was fitted, as you asked."
 HELD_BY_FIT = (
     "None was fitted: when they are estimated, some leave their tolerances, so your values stand."
 )
-MAX_UNMEASURED = 0.9
-"""The largest difference from the declared number, in tolerances, of one that is not measured: two
+MAX_UNIMPROVED = 0.9
+"""The largest difference from the declared number, in tolerances, of one that is not improved: two
 standard deviations of an estimate that leaves 0.9 of the tolerance, 0.44 each.
 """
 NOTABLE_DIFFERENCE = 0.1
-"""The smallest difference from the declared number that is stated, in tolerances."""
+"""The smallest difference from the declared number that is stated as a number, in tolerances."""
 PRINTED_COLUMNS = 4
 """The columns that fit into 80 characters."""
 
@@ -211,8 +211,7 @@ def _row(number: Comparison) -> tuple[str, ...]:
     declared = number.stated if number.source == DECLARED else f"{number.stated} (bare/)"
     is_compared = not number.held and not number.unknown
     difference = _deviation(number) if is_compared else None
-    is_far = difference is not None and difference >= NOTABLE_DIFFERENCE
-    words = f"{difference:.1f} × tolerance" if is_far else ""
+    words = "" if difference is None else _describe_difference(difference)
     estimated = number.estimated
     if number.held:  # with the digits of the declared one
         estimated = f"{number.estimate:.6g} {number.unit}".rstrip()
@@ -222,6 +221,13 @@ def _row(number: Comparison) -> tuple[str, ...]:
 def _deviation(number: Comparison) -> float:
     """Return how far a number is from the declared one, in tolerances."""
     return abs(number.estimate - number.declared) / number.tolerance
+
+
+def _describe_difference(difference: float) -> str:
+    """Return a difference from the declared number, in tolerances, as text."""
+    if difference < NOTABLE_DIFFERENCE:
+        return f"< {NOTABLE_DIFFERENCE} × tolerance"
+    return f"{difference:.1f} × tolerance"
 
 
 def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
@@ -243,8 +249,8 @@ def _note(number: Comparison) -> str:
         words = UNDETERMINED
     if number.contradicted:
         words = CONTRADICTED
-    if not words and number.is_uninformed and _deviation(number) < MAX_UNMEASURED:
-        words = NOT_MEASURED
+    if not words and number.is_uninformed and _deviation(number) < MAX_UNIMPROVED:
+        words = NOT_IMPROVED
     if not words and _is_vague(number):
         words = VAGUE
     effect = f"by {number.effect}" if number.effect else ""
@@ -295,8 +301,12 @@ def _range_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
         yield name, f"{near:.3g} to {far:.3g} m", "", "", ""
 
 
-def describe_bend(calibration: Calibration) -> str:
-    """Return a sentence on the board's bend and print; empty if the fit found none."""
+def describe_bend(calibration: Calibration, verb: str = "is") -> str:
+    """Return a sentence on the board's bend and print; empty if the fit found none.
+
+    Args:
+        verb: "may be" where a cover that is not described could explain the same.
+    """
     stages = calibration.stages
     if without_own_bend(calibration) is calibration or stages[-1].name != EFFECTS_STAGE:
         return ""
@@ -315,6 +325,6 @@ def describe_bend(calibration: Calibration) -> str:
         percent = 100 * numbers["board_scale.x_over_y"]
         findings.append(f"unevenly printed ({percent:.2f} % longer along x than along y)")
     return (
-        f"The board is {' and '.join(findings)}: {stages[-2].rms_px:.3f} px with a flat"
+        f"The board {verb} {' and '.join(findings)}: {stages[-2].rms_px:.3f} px with a flat"
         f" board, {stages[-1].rms_px:.3f} px with this one."
     )

@@ -290,7 +290,8 @@ class _Job:
         """Return the joint fit of a model."""
         is_uneven = bool(model.path.relief)
         title = "Rough fit" if len(rounds) == 1 else "Joint fit"
-        title += ", uneven" if is_uneven else ""
+        if is_uneven:
+            title = "Uneven glass, roughly" if len(rounds) == 1 else "Uneven glass"
         if self.purpose:
             title = f"{'Uneven' if is_uneven else 'Fit'}, {self.purpose}"
         advance = self.progress.task(title, LINEARISATIONS)

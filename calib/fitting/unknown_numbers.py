@@ -53,7 +53,7 @@ def with_initial_values(setup: Setup, views: Sequence[View], progress: Progress)
         for start in _starts(setup.cover)
         for scaled in _in_medium(lens, setup.cover, start)
     ]
-    advance = progress.task(f"Start: {setup.cover.shape}", len(starts))
+    advance = progress.task(f"First values, {setup.cover.shape}", len(starts))
     beginnings: list[_Beginning] = []
     for count, start in enumerate(starts, 1):
         beginnings.append(_Beginning.of(replace(setup, initial=start), observations))

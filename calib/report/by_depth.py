@@ -48,7 +48,7 @@ def distortion_by_depth(evidence: Evidence) -> Drawing | None:
         "The lines are the length of the distortion at four pixels, and its mean. Each number is"
         " the change from the left to the right end of the axis. Shaded: the depths of the corners."
         " The picture marks the four pixels, and shows how far the undistorted pixel moves when"
-        " 1/depth changes by one. Where this is large, a map needs the right depth.",
+        " 1/depth changes by 1 per metre. Where this is large, a map needs the right depth.",
         {
             "x": x,
             "y": y,

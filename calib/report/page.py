@@ -11,6 +11,7 @@ from calib.report.again import pasted
 from calib.report.scripts import Scripts
 from calib.report.summary import Summary
 from calib.report.tiles import tiles_html
+from calib.verdict.next_commands import HOLDOUT, HOLDOUT_NOTE
 from calib.verdict.verdict import Trust, Verdict
 from calib.version import VERSION
 
@@ -53,14 +54,13 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection], script
         f' id="{section.name}-title">{escape(section.title)}</h2>{section.html}</section>'
         for section in sections
     )
-    command = escape(pasted(shlex.split(verdict.next)))
     notes = "".join(f"<p>Note: {escape(note)}</p>" for note in verdict.notes)
     header = f"""<p class="over">Calibration report, Refracal {VERSION}</p>
 <h1>{escape(verdict.headline.removesuffix("."))}</h1>
 {tiles_html(summary.tiles)}
 {_reasons_html(verdict)}{notes}
 <ul class="lead">{lead}</ul>
-<p class="command">{verdict.next_label}: <code>{command}</code></p>
+{commands_html(verdict)}
 <nav>{contents}</nav>
 <noscript><p>The figures need JavaScript, which this browser does not run. The verdict, the tables
 and the pictures are here without it.</p></noscript>"""
@@ -71,6 +71,26 @@ and the pictures are here without it.</p></noscript>"""
         body,
         colour=COLOURS[verdict.word],
         scripts=scripts,
+    )
+
+
+def commands_html(verdict: Verdict) -> str:
+    """Return the commands to type, those that use the calibration only if the verdict allows it.
+    Of a trusted calibration the test comes first.
+    """
+    is_usable = verdict.word is not Trust.DO_NOT_USE
+    further = [command for command in verdict.further if is_usable and command != verdict.next]
+    lines = [(verdict.next_label, verdict.next)]
+    if verdict.word is Trust.TRUSTED and further:
+        lines.insert(0, ("Test it", further.pop(0)))
+    lines += [("Then", command) for command in further]
+    note = any(HOLDOUT in command.split() for _, command in lines)
+    return "\n".join(
+        [
+            f'<p class="command">{label}: <code>{escape(pasted(shlex.split(command)))}</code></p>'
+            for label, command in lines
+        ]
+        + [f"<p>{HOLDOUT_NOTE}</p>"] * note
     )
 
 

@@ -31,6 +31,8 @@ STRIPES = 208, 232
 """The greys of the stripes over pixels that the camera does not see."""
 STRIPE = 6
 """px: the width of a stripe."""
+LEAST_BOW = 1e-3
+"""px: the smallest shift of a corner by the board's bend that the text mentions."""
 CENTRE_STEP = 0.05
 """The distance from the middle of the picture, as a fraction of its width, over which its scale is
 measured.
@@ -182,14 +184,16 @@ def _html(
         ),
     ]
     name = escape(evidence.calibration.views[view].name)
+    is_bent = any(np.abs(line.bow).max() > LEAST_BOW for line in lines)
+    bend = ", without the bend of the board itself" if is_bent else ""
     absent = " The session's pictures were not found: only lines and corners are drawn."
     return (
         f"{strips_html(evidence, most_bent, picture)}"
         f'<div class="pair">{"".join(panels)}</div>'
         f"<p>{name}, and the same picture undistorted for the depth of its board, {depth:.2g} m; in"
         " the middle, both have the same scale. Blue: straight lines through the first and the last"
-        " corner of each row and column. Dots: the detected corners, without the bend of the board"
-        f" itself.{absent if picture is None else ' Stripes: what the camera does not see.'}</p>"
+        f" corner of each row and column. Dots: the detected corners{bend}."
+        f"{absent if picture is None else ' Stripes: what the camera does not see.'}</p>"
     )
 
 

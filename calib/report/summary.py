@@ -17,7 +17,7 @@ from calib.session.cover import Cover
 from calib.session.parameter_names import INDEX, THICKNESS, layer_number
 from calib.session.shapes.layer import WATER, medium_word
 from calib.verdict.judge import judge
-from calib.verdict.residual import NOT_ALL_NOISE, OF_NOISE
+from calib.verdict.residual import NOT_ALL_NOISE, OF_NOISE, asks_for_cover
 from calib.verdict.thresholds import BEYOND_NOISE
 from calib.verdict.verdict import Verdict
 
@@ -52,7 +52,7 @@ def summarise(
     sentences = (
         _found(evidence.calibration),
         _subject(evidence),
-        describe_bend(evidence.calibration),
+        describe_bend(evidence.calibration, "may be" if asks_for_cover(verdict) else "is"),
         "" if is_said else _fit(evidence, verdict),
         _overfitting(evidence.calibration),
         " ".join(filter(None, [_coverage(evidence), limit])),
@@ -140,7 +140,8 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
         text += (
             f". The noise of the corners is about {noise:.3f} px: most of the error is noise"
             if patterns or organised
-            else f": no more than the corners' noise (about {noise:.3f} px) is left"
+            else f": no more than the corners' noise is left (about {noise:.3f} px,"
+            " from how neighbouring corners differ)"
         )
     elif rms <= BEYOND_NOISE * noise:
         text += f". The noise of the corners is about {noise:.3f} px: the error is a little larger"
@@ -171,6 +172,6 @@ def _coverage(evidence: Evidence) -> str:
     at_corners = describe_sigmas(map_sigmas(evidence.calibration, evidence.depths))
     return (
         f"The boards support maps for {describe_trusted(*evidence.reach)}. Their expected error is"
-        f" {at_corners} (median over the corners), and at most"
+        f" {at_corners} (median over the corners); the largest is"
         f" {evidence.worst_sigma(evidence.depths)}."
     )

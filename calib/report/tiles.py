@@ -66,7 +66,7 @@ def _maps(evidence: Evidence) -> Iterator[Tile]:
     sigma = map_sigmas(evidence.calibration, [depth])[depth]
     worst = evidence.worst_sigma([depth])
     yield Tile(
-        f"expected error of the map at {depth:g} m", f"{two_digits(sigma)} px", f"at most {worst}"
+        f"expected error of the map at {depth:g} m", f"{two_digits(sigma)} px", f"largest {worst}"
     )
 
 

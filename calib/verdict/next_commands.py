@@ -20,6 +20,10 @@ from calib.verdict.picture_source import PictureSource, picture_source
 
 HOLDOUT = "HOLDOUT"
 """The word in a command for a folder of views that were not fitted, which the user names."""
+HOLDOUT_NOTE = (
+    "HOLDOUT is a folder of other pictures of this camera. If you have none, calib fit --folds 5"
+    " sets some of these aside as a test."
+)
 HELD_OUT_FOLDER = "holdout"
 """The folder of a session with views that were kept back."""
 NEW_FILM = "FILM"

@@ -33,12 +33,13 @@ from calib.verdict.thresholds import (
     SCORED,
     WORTH_NAMING,
 )
-from calib.verdict.verdict import Reason, uncapitalised
+from calib.verdict.verdict import Reason, Verdict, uncapitalised
 
 MIN_PART = 0.05
 """The part of an error far above the noise that an effect explains at the least to be named."""
 MANY = 10.0
 """Times, from which on the decimals do not matter."""
+COVER_QUESTION = "If the camera looks through glass or plastic, describe its cover first."
 OF_NOISE = "times the corners' noise"
 NOT_ALL_NOISE = "the error is not all noise"
 NUMBERS = {"focal": CAMERA.focal, "principal_point": CAMERA.centre}
@@ -76,10 +77,15 @@ def residual(case: Case) -> Iterator[Reason]:
         if not case.calibration.board.has_grid and case.calibration.cover.shape != "none":
             sentence += " The report shows the glass in detail: look for drops and scratches."
     if case.calibration.cover.shape == "none":
-        sentence += " If the camera looks through glass or plastic, describe its cover first."
+        sentence += f" {COVER_QUESTION}"
     diagnosed = case.calibration.history.diagnosis is not None
     suspects = tuple(dict.fromkeys(name for effect, _ in likely for name in suspects_of(effect)))
     yield Reason(sentence, case.next.report() if diagnosed else case.next.diagnose(), suspects)
+
+
+def asks_for_cover(verdict: Verdict) -> bool:
+    """Return True if a cover that is not described may explain what the fit says of the board."""
+    return any(COVER_QUESTION in reason.sentence for reason in verdict.reasons)
 
 
 def beyond_noise(case: Case) -> bool:

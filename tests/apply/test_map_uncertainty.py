@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from calib.apply.asked_depths import describe_unsupported
-from calib.apply.map_uncertainty import map_sigmas, predicted_sigma
+from calib.apply.map_uncertainty import describe_sigmas, map_sigmas, predicted_sigma
 from calib.calibration import Calibration
 from calib.export.npz import write_npz
 from calib.fit_record.request import Settings
@@ -212,3 +212,10 @@ def test_a_depth_without_boards_gets_the_expected_error_of_its_maps(
     near, far = np.quantile(corners_at(calibration)[:, 2], [0.0, 1.0])
     assert map_sigmas(calibration, [0.05])[0.05] > map_sigmas(calibration, [near])[near]
     assert not list(describe_unsupported(calibration, [near, far]))
+
+
+def test_a_depth_where_no_board_was_is_marked() -> None:
+    text = describe_sigmas({0.2: 0.02, 0.3: 0.01, 1.2: 0.011}, (0.3, 1.1))
+    marked = [part.endswith("m (no board was there)") for part in text.split(", ")]
+    assert marked == [True, False, True]
+    assert "board" not in describe_sigmas({0.2: 0.02})

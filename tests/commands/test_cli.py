@@ -24,10 +24,10 @@ import pytest
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.commands.printing import print_error, print_json, print_remark
-from calib.commands.verdict_lines import HOLDOUT_NOTE
 from calib.diagnosis.requested_effects import NAMES
 from calib.io.files import check_writable
 from calib.io.output_folder import LEDGER
+from calib.verdict.next_commands import HOLDOUT_NOTE
 from fixtures.synthetic import scene
 from tests.session.malformed import MALFORMED, Malformed, write_good_session
 from tests.test_calibration import write_session
@@ -429,7 +429,9 @@ def test_black_borders_are_explained(
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((2464, 3280), np.uint8))
     words = [str(fitted[0] / "calibration"), str(tmp_path / "a.png"), "--depth", "1", *options]
     assert main(["undistort", *words, "-o", str(tmp_path / "straight")]) == 0
-    assert ("% of the straight picture is black" in capsys.readouterr().err) == said
+    printed = capsys.readouterr().err
+    assert ("% of the straight picture is black" in printed) == said
+    assert ("Type --crop 0 for a picture with no black border." in printed) == said
 
 
 @pytest.mark.parametrize("failing", ["make", "write"])

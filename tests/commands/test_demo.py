@@ -72,7 +72,9 @@ def test_it_prints_the_commands_and_opens_the_report(
     assert typed[0].endswith(" fit refracal-demo --depth 0.8")
     assert typed[1].endswith("--depth 0.8 --crop 0 -o refracal-demo/straight")
     assert "You can trust this calibration where the board was in the picture." in lines
-    assert lines[-1] == "Report: refracal-demo/calibration/report.html"
+    assert lines[-2] == "Report: refracal-demo/calibration/report.html"
+    assert lines[-1].startswith("Now your own: ")
+    assert lines[-1].endswith(" fit PICTURES --board 9x6 --square-mm MM --cover flat")
     assert opened == [(demo.folder / "calibration" / "report.html").as_uri()]
 
 

@@ -17,7 +17,8 @@ from PIL import Image
 from calib import cli
 from calib.cli import main
 from calib.commands.command_line import _parser
-from calib.commands.described_session import session_of
+from calib.commands.described_session import describe_search, session_of
+from calib.corners.board_search import FoundBoard
 from calib.errors import InputError
 from calib.importing.from_video import MAX_FRAMES
 from calib.importing.picture_session import find_pictures
@@ -219,7 +220,7 @@ def test_a_camera_of_a_pair_is_asked_for(tmp_path: Path, monkeypatch: pytest.Mon
     right = described("pair", *BOARD, "--camera", "right")
     assert right.path == folder / "right"
     assert [path.name for path in right.frames] == [f"right-{k:02d}.png" for k in range(8)]
-    with pytest.raises(InputError, match="calib fit pair --camera left --board 7x6 --square-mm 25"):
+    with pytest.raises(InputError, match="calib fit pair --camera left --board 7x6 --square-mm MM"):
         described("pair", "--camera", "left")
     assert described("pair", *BOARD, "--camera", "left").path == folder / "left"
     assert described("pair", *BOARD, "--camera", "all").frames == list_images(folder)
@@ -350,11 +351,26 @@ def test_a_board_that_is_not_described_is_looked_for(
     with pytest.raises(InputError, match="Found a checkerboard of 7x6 inner corners") as caught:
         described(str(path))
     assert not path.with_suffix("").joinpath("session.yaml").exists()
-    command = re.search(r"(calib fit .*--square-mm 25)", str(caught.value))
+    command = re.search(r"(calib fit .*--square-mm) MM\.$", str(caught.value))
     assert command
     assert described(str(path), "--square-mm", "30").board == Board(7, 6, 0.03)
     assert "Found a checkerboard of 7x6 inner corners" in capsys.readouterr().err
-    assert described(*shlex.split(command[1])[2:]).board == Board(7, 6, 0.025)
+    assert described(*shlex.split(command[1])[2:], "25").board == Board(7, 6, 0.025)
+
+
+@pytest.mark.parametrize(
+    ("pictures", "searched", "count", "words"),
+    [
+        (3, 3, 12, "all 3 pictures that were searched (there are 12)"),
+        (2, 3, 12, "2 of the 3 pictures that were searched (there are 12)"),
+        (2, 3, 3, "2 of 3 pictures"),
+    ],
+)
+def test_the_pictures_with_the_board_are_counted(
+    pictures: int, searched: int, count: int, words: str
+) -> None:
+    finding = FoundBoard(Board(7, 6, 1.0), pictures, searched)
+    assert describe_search(finding, count) == words
 
 
 def test_a_number_of_the_cover_that_is_not_given_is_unknown(photos: Path) -> None:
@@ -575,7 +591,7 @@ def test_the_suggested_command_keeps_what_was_typed(photos: Path) -> None:
     with pytest.raises(InputError) as refused:
         described(str(photos), *typed)
     _, _, command = str(refused.value).partition("and type ")
-    words = shlex.split(command.partition(", with your own")[0])
+    words = [*shlex.split(command.removesuffix(" MM.")), "25"]
     assert words[:3] == ["calib", "fit", str(photos)]
     assert words[3 : 3 + len(typed)] == list(typed)
     session = described(*words[2:])

@@ -73,7 +73,9 @@ def test_the_error_as_given_has_its_name(
     found = ("board_shape",)
     finding = Diagnosis(0.016, "", (), (), found, first, last, 0.0, "", (), given_held_out_px=0.266)
     print_diagnosis(finding, plain)
-    rows = [line for line in capsys.readouterr().out.splitlines() if " px" in line]
+    printed = capsys.readouterr().out
+    assert 'so it may differ a\nlittle from the row "fitted cover" of calib fit.' in printed
+    rows = [line for line in printed.splitlines() if " px" in line]
     assert "given fit" in rows[0]
     assert "0.266 px" in rows[0]
     assert "plain fit" in rows[1]

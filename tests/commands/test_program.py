@@ -89,14 +89,14 @@ def test_a_fit_comes_after_what_its_reason_asks_for(capsys: pytest.CaptureFixtur
     assert "Next, once that is done: " in capsys.readouterr().out.splitlines()[-1]
 
 
-def test_bars_of_one_title_are_numbered(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bar_whose_title_repeats_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     with Bars() as bars:
         for _ in range(2):
             bars.task("Uneven, as declared", 1)(1, "")
     lines = capsys.readouterr().err.splitlines()
-    assert [line[:26].strip() for line in lines] == [
+    assert [line[:29].strip() for line in lines] == [
         "Uneven, as declared",
-        "Uneven, as declared (2)",
+        "Uneven, as declared, again",
     ]
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.corners.board_search import _find_charuco, search_board
+from calib.corners.board_search import FoundBoard, _find_charuco, search_board
 from calib.corners.markers import read_markers
+from calib.session.board import Board
 from calib.session.board_section import board_to_yaml
 from calib.session.coding import AprilGrid, Charuco, grid_board
 from fixtures.coded_boards import KINDS, LEGACY, Kind, poses
@@ -126,3 +127,12 @@ def gravel(seed: int) -> NDArray[np.uint8]:
 @pytest.mark.parametrize("draw", [gravel, pytest.param(random_cells, marks=pytest.mark.slow)])
 def test_no_board_is_found_where_there_is_none(draw: Callable[[int], NDArray[np.uint8]]) -> None:
     assert search_board([draw(seed) for seed in range(4)]) is None
+
+
+def test_a_side_that_is_not_stated_is_no_number() -> None:
+    board = Board(7, 6, 1.0, coding=Charuco(0.7, "DICT_5X5_50"))
+    assert (
+        FoundBoard(board, 3, 4)
+        .options_for(None)
+        .startswith("--board 7x6 --type charuco --square-mm MM --marker-mm MM")
+    )

@@ -205,7 +205,7 @@ def test_a_quarter_turn_in_every_other_view_is_found(tmp_path: Path) -> None:
         sorted(map(abs, bend_mm(straight))), abs=0.02
     )
     assert not straight.outcome.turned_boards
-    assert "10 views" in describe_turned(names)
+    assert "The board is turned by a quarter turn in 10 views" in describe_turned(names)
     assert turned.stages[-1].rms_px == pytest.approx(straight.stages[-1].rms_px, rel=0.05)
 
 

@@ -8,11 +8,19 @@ import pytest
 
 from calib.calibration import Calibration
 from calib.calibration_content import Stage
+from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.effects.thickness import Thickness
+from calib.fit_record.request import Settings
 from calib.fitting.corner_range import emptiest_region
 from calib.fitting.cover_section import cover_section
-from calib.fitting.description import COLUMNS, PRINTED_COLUMNS, calibrated_numbers, describe
+from calib.fitting.description import (
+    COLUMNS,
+    PRINTED_COLUMNS,
+    calibrated_numbers,
+    describe,
+    describe_bend,
+)
 from calib.session.schema import Number
 from fixtures.known import known, lens_alone
 from fixtures.synthetic import HEIGHT, WIDTH, scene
@@ -53,7 +61,7 @@ def test_a_number_has_its_sigma_what_was_declared_and_how_they_agree(plain: Cali
 
 @pytest.mark.parametrize(
     ("index", "sigma", "remark"),
-    [(1.506, 0.019, "not measured"), (1.506, 0.015, ""), (1.53, 0.019, "")],
+    [(1.506, 0.019, "not improved"), (1.506, 0.015, ""), (1.53, 0.019, "")],
     ids=["as declared", "narrowed", "moved far"],
 )
 def test_a_number_that_the_pictures_do_not_narrow_is_marked(
@@ -64,6 +72,24 @@ def test_a_number_that_the_pictures_do_not_narrow_is_marked(
     declared = plain.declared.cover.replace_numbers({name: Number(1.5, 0.02)})
     rows = _rows(replace(plain, cover=cover, stated=replace(plain.declared, cover=declared)))
     assert rows[name][3] == remark
+    assert rows[name][4] == f"{(index - 1.5) / 0.02:.1f} × tolerance"
+
+
+def test_a_small_difference_from_the_declared_number_is_no_blank(plain: Calibration) -> None:
+    name = "cover.refractive_index"
+    cover = plain.cover.replace_numbers({name: Number(1.501, 0.01)})
+    declared = plain.declared.cover.replace_numbers({name: Number(1.5, 0.02)})
+    rows = _rows(replace(plain, cover=cover, stated=replace(plain.declared, cover=declared)))
+    assert rows[name][4] == "< 0.1 × tolerance"
+
+
+def test_a_bend_is_a_guess_where_a_cover_may_be_missing(plain: Calibration) -> None:
+    bent = with_effect(plain, BoardScale(), x_over_y=(0.005, 1e-5))
+    stages = (Stage("pinhole", 0.5, 0.1), Stage("cover+rbf+effects", 0.1, 0.01))
+    command = replace(bent.request, settings=Settings())
+    bent = replace(bent, stages=stages, request=command)
+    assert describe_bend(bent).startswith("The board is unevenly printed (0.50 % longer")
+    assert describe_bend(bent, "may be").startswith("The board may be unevenly printed (")
 
 
 def test_a_focal_length_that_is_hardly_known_is_marked(plain: Calibration) -> None:

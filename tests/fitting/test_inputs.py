@@ -283,7 +283,7 @@ def test_the_fits_of_a_session_are_distinguished(tmp_path: Path) -> None:
     tasks, ten = Tasks(), scene(21, views=10, noise=0.05)
     wrong = spoiled(tmp_path / "radius", ten, cover__inner_radius_mm=60.0)
     verdict = fit(read_session(wrong), SHORT, tasks).verdict
-    assert tasks.titles[:2] == ["Joint fit", "Rough fit, uneven"]
+    assert tasks.titles[:2] == ["Joint fit", "Uneven glass, roughly"]
     assert "Fit, as declared" in tasks.titles
     assert tasks.titles[-1] in ("Uneven, free radius", "Uneven, free offset.z")
     assert max(map(len, tasks.titles)) <= TITLE_WIDTH
@@ -302,8 +302,8 @@ def test_the_fits_of_a_session_are_distinguished(tmp_path: Path) -> None:
     )
     assert list(dict.fromkeys(second_progress.titles)) == [
         "Joint fit",
-        "Rough fit, uneven",
-        "Joint fit, uneven",
+        "Uneven glass, roughly",
+        "Uneven glass",
         "Fit, 1 view fewer",
         "Uneven, 1 view fewer",
     ]

@@ -31,11 +31,13 @@ from calib.progress import Silent
 from calib.report.comparison import diagnosis_comparison
 from calib.report.effects import EffectRow, effect_rows, effects_html
 from calib.report.evidence import gather_evidence
-from calib.report.page import keep_numbers
+from calib.report.page import commands_html, keep_numbers
 from calib.report.scripts import WEB
 from calib.report.setting_words import words_for
 from calib.report.summary import summarise
 from calib.verdict.judge import judge
+from calib.verdict.next_commands import HOLDOUT_NOTE
+from calib.verdict.verdict import Reason, Trust, Verdict
 from fixtures.calibrated import with_outcome
 from tests.report.conftest import Reported
 from tests.report.made import report_in
@@ -83,7 +85,7 @@ def test_a_diagnosis_that_found_nothing_is_in_the_report(reported: Reported) -> 
     scored = DiagnosisRecord({**DIAGNOSED.document, "candidates": [lens, port, accepted]})
     diagnosed = replace(calibration, history=replace(calibration.history, diagnosis=scored))
     html = effects_html([EffectRow("board_scale", 1.0, 0.5, ())], diagnosed)
-    assert "<li>looks like a fitted number: lens, flat_port (air)</li>" in html
+    assert "<li>the fit&#x27;s own numbers imitate it: lens, flat_port (air)</li>" in html
     nothing = DiagnosisRecord({**DIAGNOSED.document, "families": []})
     diagnosed = replace(calibration, history=replace(calibration.history, diagnosis=nothing))
     assert summarise(gather_evidence(diagnosed)).sentences[0] == (
@@ -444,3 +446,20 @@ def test_the_licences_are_of_the_versions_that_the_libraries_are_built_of() -> N
 def test_a_report_of_the_farthest_depth(small_calibration: Calibration, tmp_path: Path) -> None:
     html = report_in(tmp_path, small_calibration, depths=(np.inf, 0.5)).read_text()
     assert "at 100 m" in text(html)
+
+
+def test_the_test_comes_before_the_use_of_a_trusted_calibration() -> None:
+    test, search, use = "calib evaluate out HOLDOUT", "calib diagnose out", "calib undistort out a"
+    further = (test, search, use)
+    words = [line.partition(":")[0].partition(">")[2] for line in _lines(Verdict((), use, further))]
+    assert words[:3] == ["Test it", "Next", "Then"]
+    assert HOLDOUT_NOTE in commands_html(Verdict((), use, further))
+    doubt = Reason("look.", search)
+    lines = _lines(Verdict((doubt,), use, further))
+    assert [search in lines[0], test in lines[1], use in lines[2]] == [True] * 3
+    useless = replace(doubt, word=Trust.DO_NOT_USE)
+    assert len(_lines(Verdict((useless,), use, further))) == 1
+
+
+def _lines(verdict: Verdict) -> list[str]:
+    return re.findall(r'<p class="command.*', commands_html(verdict))

@@ -51,7 +51,7 @@ def test_straight_lines_lie_along_the_rows_of_both_pictures(reported: Reported) 
     labels = re.findall(r'aria-label="([^:"]+)', html)
     assert labels == ["As taken", "Undistorted", "As taken", "Undistorted"]
     assert len(re.findall(r"data:image/jpeg", html)) == 4
-    assert "Stripes: what the camera does not see." in html
+    assert "Dots: the detected corners. Stripes: what the camera does not see." in html
     assert len(html) < 300_000
 
 
@@ -207,6 +207,9 @@ def test_a_known_bow_does_not_bend_the_lines(small_calibration: Calibration) -> 
     )
     first_html = straight_html(gather_evidence(replace(described, effects=())), None)
     alternative = straight_html(gather_evidence(described), None)
+    without_bend = "Dots: the detected corners, without the bend of the board itself."
+    assert without_bend in alternative
+    assert without_bend not in first_html
     one_left = float(re.findall("corners of this view are ([\\d.e-]+) px", first_html)[0])
     other_left = float(re.findall("corners of this view are ([\\d.e-]+) px", alternative)[0])
     assert other_left < 0.01, (

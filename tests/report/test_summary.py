@@ -55,10 +55,11 @@ def test_a_good_calibration_is_trusted(reported: Reported) -> None:
     assert summary.verdict.word is Trust.TRUSTED
     what, remaining, held_out, maps = summary.sentences
     assert "3280x2464 px behind a cone (1.15 mm thick, index 1.5): 45 views of a 9x9 board" in what
-    assert ": no more than the corners' noise (about 0." in remaining
+    assert ": no more than the corners' noise is left (about 0." in remaining
     assert "the fit does not overfit" in held_out
     assert maps.startswith("The boards support maps for ")
     assert "Their expected error is 0.1" in maps
+    assert re.search(r"\(median over the corners\); the largest is [\d.]+ px at the ", maps)
     assert all(sentence.endswith(".") for sentence in summary.sentences)
 
 
@@ -114,8 +115,8 @@ def test_a_place_in_the_picture_has_words(across: float, down: float, words: str
 def test_the_worst_place_of_the_maps_is_named(reported: Reported) -> None:
     evidence = gather_evidence(reported.calibration)
     _, maps, *_ = summarise(evidence).tiles
-    assert maps.note == f"at most {evidence.worst_sigma(evidence.depths[1:2])}"
-    assert re.search(r"at most [\d.]+ px at the ", maps.note)
+    assert maps.note == f"largest {evidence.worst_sigma(evidence.depths[1:2])}"
+    assert re.search(r"largest [\d.]+ px at the ", maps.note)
 
 
 def test_a_change_has_a_sign_unless_it_is_none() -> None:

@@ -54,4 +54,5 @@ def test_the_fit_says_which_view_decides(
 ) -> None:
     print_fit(with_scatter(good, 1.0, 1.0), 1.0)
     printed = " ".join(capsys.readouterr().out.split())
+    assert "in the part of the picture where the board was: " in printed
     assert "Much of the result comes from 0003.png (31 %): more pictures" in printed

@@ -275,7 +275,7 @@ async def _straight(session: Path) -> None:
         await see(pilot, "That is all")
 
 
-BAR = "Maps                   ━━━━━━━━━━━━━━━━━━━━    3/3    0:00:00  "
+BAR = "Rays and maps          ━━━━━━━━━━━━━━━━━━━━    3/3    0:00:00  "
 NOTES = (
     "opencv: off by 0.225 px RMS at 1 m, with 12 coefficients.",
     "Take care: the camera model is off by up to 0.50 px.",

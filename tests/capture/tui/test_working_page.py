@@ -26,7 +26,10 @@ async def _steps(session: Path) -> None:
         screen.child = Child(fit_session)
         steps = (
             ("Intrinsics", "0.150 px"),
-            ("Start: cone", "best 6 px"),  # starting values that are tried are no error of the fit
+            (
+                "First values, cone",
+                "best 6 px",
+            ),  # starting values that are tried are no error of the fit
             ("Joint fit", "0.090 px"),
             ("Joint fit", "0.075 px"),
         )
