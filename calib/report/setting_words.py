@@ -25,7 +25,6 @@ WORDS: Mapping[str, str] = {
     "second_look found": "second look: corners added",
     "second_look refused": "second look: expected corners not seen",
     "second_look dropped": "second look: corners dropped",
-    "outlier_corners": "corners left out, far from their places",
     "view_noise": "noise over that of the median picture",
     "made_by": "made by",
     "cross_validation": "cross-validation",

@@ -68,9 +68,9 @@ class RigExplanation:
     is_late: bool = False
     """True for a constant lateness, whose effect depends on the speed of the board."""
     interval_s: float = math.nan
-    """Of a constant lateness: the interval between the placements of a burst, s."""
+    """s, the interval between the placements of a burst, for a constant lateness."""
     kind: str = ""
-    """Of a slip: one of `KINDS`."""
+    """One of `KINDS` for a slip."""
     own_effect: OwnEffect | None = None
     """An effect of one camera, or of the board; then `camera` may be empty."""
 

@@ -51,7 +51,7 @@ class MountingCheck:
 
     status: CheckStatus = CheckStatus.VALID
     p_value: float = 1.0
-    """Of the mountings alone."""
+    """The probability of the mountings alone."""
     statistics: CheckStatistics | None = None
     """None where no two cameras could be compared."""
     changes: tuple[RigChange, ...] = ()
@@ -76,7 +76,7 @@ class MountingTest:
     movable: tuple[str, ...]
     """The cameras whose motion the placements may tell."""
     scatter: Overdispersion
-    """Of the rig's own placements, along the motions of the movable cameras."""
+    """The scatter of the rig's own placements, along the motions of the movable cameras."""
 
     def run(self, shared: SharedPlacements, *, explain: bool = True) -> MountingCheck:
         """Test placements.

@@ -1,4 +1,4 @@
-"""What the diagnosis of a rig starts from: the linearised fit, and the motion of the board."""
+"""The start of a rig's diagnosis: the linearised fit, and the motion of the board."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class RigContext:
-    """What the explanations need: the linearised fit, and what is known of the board's motion."""
+    """The data of all explanations: the linearised fit, and the motion of the board."""
 
     products: MotionProducts
     wide: MotionProducts
@@ -31,7 +31,7 @@ class RigContext:
     compared: tuple[str, ...]
     """The cameras whose lateness the placements tell."""
     mounted: tuple[str, ...]
-    """Those of them whose mounting the placements tell."""
+    """The compared cameras whose mounting the placements tell."""
     reference: str
     order: NDArray[np.int64]
     """(P,) the placements in the order of time, or of their names."""
