@@ -25,9 +25,24 @@ def vuong_statistic(
     Args:
         difference: the log evidence of the better fit minus that of the worse one.
     """
-    ratios = _view_log_likelihoods(better, observations)
-    ratios = ratios - _view_log_likelihoods(worse, observations)
+    ratios = _view_ratios(better, worse, observations)
     return float(difference / (ratios.std(ddof=1) * len(ratios) ** 0.5))
+
+
+def robust_difference(better: ModelFit, worse: ModelFit, observations: Observations) -> float:
+    """Return the logarithm of the likelihood ratio of two fits, with Huber's loss of the residuals
+    in the picture. Unlike log evidences, it does not depend on the weights with which a fit
+    approximates these residuals, nor on a few large ones.
+    """
+    return float(_view_ratios(better, worse, observations).sum())
+
+
+def _view_ratios(
+    better: ModelFit, worse: ModelFit, observations: Observations
+) -> NDArray[np.float64]:
+    """Return (V,) the logarithm of the likelihood ratio of each view."""
+    ratios = _view_log_likelihoods(better, observations)
+    return np.asarray(ratios - _view_log_likelihoods(worse, observations))
 
 
 def _view_log_likelihoods(fit: ModelFit, observations: Observations) -> NDArray[np.float64]:
