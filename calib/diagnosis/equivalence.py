@@ -38,7 +38,7 @@ from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.inference.score_test import ScoreTest, score_test, tuned_score_tests
 from calib.inference.varying_numbers import groups_of
 from calib.inference.view_variation import largest_gain
-from calib.inference.vuong import robust_difference, vuong_statistic
+from calib.inference.vuong import prior_difference, vuong_statistic
 from calib.inference.warm_start import rough_fit
 
 MIN_OVERLAP = 0.5
@@ -209,8 +209,8 @@ def _replace_effect(state: SearchState, rival: Rival) -> SearchState:
 
 def _odds(fit: ModelFit, best: ModelFit, observations: Observations, scale: float) -> float:
     """Return the odds of a fit against the most probable one: those of their marginal likelihoods
-    or, if these are less decisive, those of Vuong's test, which does not assume a true model. Fits
-    whose views have the same numbers differ by no more than the residuals in the picture do.
+    or, if these are less decisive, those of Vuong's test, which does not assume a true model. How
+    large the views' own numbers are does not decide there: they take up what either model lacks.
 
     Args:
         scale: a difference of this much in log evidence counts as 1.
@@ -220,7 +220,7 @@ def _odds(fit: ModelFit, best: ModelFit, observations: Observations, scale: floa
     difference = best.joint.log_marginal - fit.joint.log_marginal
     decided = difference
     if best.model.path.view_blocks == fit.model.path.view_blocks:
-        decided = min(difference, max(0.0, robust_difference(best, fit, observations)))
+        decided = min(difference, max(0.0, difference - prior_difference(best, fit)))
     p_value = float(ndtr(-vuong_statistic(best, fit, decided, observations)))
     return max(float(np.exp(-difference / scale)), p_value / (1 - p_value))
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.estimation.objective import HUBER
+from calib.estimation.objective import HUBER, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.inference.fitted_model import ModelFit
@@ -25,24 +25,22 @@ def vuong_statistic(
     Args:
         difference: the log evidence of the better fit minus that of the worse one.
     """
-    ratios = _view_ratios(better, worse, observations)
+    ratios = _view_log_likelihoods(better, observations)
+    ratios = ratios - _view_log_likelihoods(worse, observations)
     return float(difference / (ratios.std(ddof=1) * len(ratios) ** 0.5))
 
 
-def robust_difference(better: ModelFit, worse: ModelFit, observations: Observations) -> float:
-    """Return the logarithm of the likelihood ratio of two fits, with Huber's loss of the residuals
-    in the picture. Unlike log evidences, it does not depend on the weights with which a fit
-    approximates these residuals, nor on a few large ones.
+def prior_difference(better: ModelFit, worse: ModelFit) -> float:
+    """Return the part of the difference of two log evidences that comes from the priors of the
+    views' own numbers, such as the motion of each board. Vuong's scatter does not have it.
     """
-    return float(_view_ratios(better, worse, observations).sum())
+    return _log_view_priors(better) - _log_view_priors(worse)
 
 
-def _view_ratios(
-    better: ModelFit, worse: ModelFit, observations: Observations
-) -> NDArray[np.float64]:
-    """Return (V,) the logarithm of the likelihood ratio of each view."""
-    ratios = _view_log_likelihoods(better, observations)
-    return np.asarray(ratios - _view_log_likelihoods(worse, observations))
+def _log_view_priors(fit: ModelFit) -> float:
+    """Return the logarithm of the prior density of the views' own numbers, up to a constant."""
+    poses = fit.joint.poses
+    return -float((poses**2 @ view_precision(fit.model.path, poses)).sum()) / 2
 
 
 def _view_log_likelihoods(fit: ModelFit, observations: Observations) -> NDArray[np.float64]:
