@@ -138,7 +138,7 @@ def diagnose(
         families=result.families,
         formulas=formulas,
         differing=result.differing,
-        given_held_out_px=on_holdout.given.rms_px if on_holdout else None,
+        given_held_out_px=on_holdout.initial.rms_px if on_holdout else None,
         given=calibration.stages[-1] if calibration.stages else None,
         decided=count >= MIN_CONFIRMING_VIEWS,
         evaluation=on_holdout.extended if on_holdout else None,
@@ -156,7 +156,7 @@ def diagnose(
 class _HoldoutErrors:
     """The evaluations of a session with other views."""
 
-    given: Evaluation
+    initial: Evaluation
     """With the calibration that is diagnosed."""
     refitted: Evaluation
     """With the fit before the search."""
@@ -165,7 +165,7 @@ class _HoldoutErrors:
 
     @staticmethod
     def of(
-        given: Calibration,
+        initial: Calibration,
         refitted: Calibration,
         extended: Calibration,
         holdout: Session,
@@ -176,7 +176,7 @@ class _HoldoutErrors:
         """
         halves = extended.model()[0].has_private_blocks
         return _HoldoutErrors(
-            evaluate(given, holdout, progress),
+            evaluate(initial, holdout, progress),
             evaluate(refitted, holdout, progress, halves=halves),
             evaluate(extended, holdout, progress, halves=halves),
         )

@@ -118,14 +118,16 @@ def _deviations(grid: Floats) -> Floats:
     rows, columns = grid.shape[1:3]
     padded = np.pad(grid, ((0, 0), (2, 2), (2, 2), (0, 0)), constant_values=np.nan)
 
-    def at(down: int, right: int) -> Floats:
-        return padded[:, 2 + down : 2 + down + rows, 2 + right : 2 + right + columns]
+    def at(row_step: int, column_step: int) -> Floats:
+        return padded[
+            :, 2 + row_step : 2 + row_step + rows, 2 + column_step : 2 + column_step + columns
+        ]
 
     predictions = []
-    for down, right in DIRECTIONS:
-        forward, back = at(down, right), at(-down, -right)
-        from_forward = 2 * forward - at(2 * down, 2 * right)
-        from_back = 2 * back - at(-2 * down, -2 * right)
+    for row_step, column_step in DIRECTIONS:
+        forward, back = at(row_step, column_step), at(-row_step, -column_step)
+        from_forward = 2 * forward - at(2 * row_step, 2 * column_step)
+        from_back = 2 * back - at(-2 * row_step, -2 * column_step)
         extrapolated = np.where(np.isfinite(from_forward), from_forward, from_back)
         between = (forward + back) / 2
         predictions.append(np.where(np.isfinite(between), between, extrapolated))
@@ -150,10 +152,10 @@ def _largest_of_neighbours(deviation: Floats) -> Floats:
     rows, columns = deviation.shape[1:]
     padded = np.pad(deviation, ((0, 0), (1, 1), (1, 1)))
     neighbours = [
-        padded[:, down : down + rows, right : right + columns]
-        for down in range(3)
-        for right in range(3)
-        if (down, right) != (1, 1)
+        padded[:, row : row + rows, column : column + columns]
+        for row in range(3)
+        for column in range(3)
+        if (row, column) != (1, 1)
     ]
     return np.asarray(np.max(neighbours, axis=0))
 

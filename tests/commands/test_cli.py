@@ -532,6 +532,7 @@ def test_a_build_date_that_is_no_time_gets_a_sentence(
 def test_ctrl_c_during_the_imports_prints_no_traceback(program: str) -> None:
     code = (
         "import builtins, signal, sys; sys.meta_path.insert(0, builtins);"
+        "signal.signal(signal.SIGINT, signal.default_int_handler);"  # background jobs ignore it
         "builtins.find_spec = lambda name, *_: name.endswith('.cli') and"
         " signal.raise_signal(signal.SIGINT) or None;"
         f"from {program}.__main__ import run; sys.exit(run())"
