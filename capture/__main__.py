@@ -2,18 +2,12 @@
 
 import sys
 
+from calib import __main__ as program
+
 
 def run() -> int:
-    """Run `capture` with the arguments of this process and return its exit code. Ctrl-C during the
-    imports, which take a tenth of a second, ends it as later: without a traceback.
-    """
-    try:
-        from capture.cli import main
-
-        return main()
-    except KeyboardInterrupt:
-        print("capture: interrupted.", file=sys.stderr)
-        return 130
+    """Run `capture` with the arguments of this process and return its exit code."""
+    return program.run("capture")
 
 
 if __name__ == "__main__":  # a process that this one starts looks in here first
