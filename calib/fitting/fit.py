@@ -81,19 +81,10 @@ def fit(
     expectation = Expectation.of(session, inputs)
     nominal = expectation.nominal if expectation else nominal_setup(session, inputs)
     nominal, choice = _with_unknown_numbers(nominal, inputs, settings, progress)
-    setup = nominal.with_tolerances(settings)
-    settings, grids = _with_grid(settings, setup, inputs, progress)
+    settings, grids = _with_grid(settings, nominal, inputs, progress)
     has_pictures = source and source.frames and not source.corners
     repeated = RepeatedFit(
-        session,
-        inputs,
-        settings,
-        progress,
-        nominal,
-        setup,
-        inputs.views,
-        inputs.rejected,
-        redetects=bool(has_pictures),
+        session, inputs, settings, progress, nominal, redetects=bool(has_pictures)
     )
     repeated.run()
     views, fitted, nominal = repeated.views, repeated.fitted, repeated.nominal
@@ -157,18 +148,18 @@ def _with_unknown_numbers(
 
 
 def _with_grid(
-    settings: Settings, setup: Setup, inputs: FitInputs, progress: Progress
+    settings: Settings, nominal: Setup, inputs: FitInputs, progress: Progress
 ) -> tuple[Settings, dict[str, float]]:
     """Return the settings with a grid of the relief, chosen by held-out views where they have none;
     and the held-out error of each grid that was tried.
     """
     views, rejected = inputs.views, inputs.rejected
     if settings.folds:
-        check_enough(setup.board, views, rejected, settings.folds)
+        check_enough(nominal.board, views, rejected, settings.folds)
     if settings.grid is not None:
         return settings, {}
-    check_enough(setup.board, views, rejected, GRID_FOLDS)
-    grid, grids = choose_grid(setup, views, settings, progress)
+    check_enough(nominal.board, views, rejected, GRID_FOLDS)
+    grid, grids = choose_grid(nominal.with_tolerances(settings), views, settings, progress)
     return replace(settings, grid=grid), grids
 
 

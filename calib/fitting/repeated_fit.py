@@ -48,13 +48,11 @@ class RepeatedFit:
     progress: Progress
     nominal: Setup
     """The declared setup."""
-    setup: Setup
-    """The declared setup, with a tolerance for each number that the settings estimate."""
-    views: tuple[View, ...]
-    """The views of the fit."""
-    rejected: tuple[RejectedPicture, ...]
     redetects: bool
     """True until missed corners have been looked for; false for a session without pictures."""
+    views: tuple[View, ...] = field(init=False)
+    """The views of the fit."""
+    rejected: tuple[RejectedPicture, ...] = field(init=False)
     redetections: tuple[Redetection, ...] = ()
     """The outcome of the search for missed corners."""
     turned: tuple[str, ...] = ()
@@ -74,6 +72,14 @@ class RepeatedFit:
     _purpose: str = ""
     """Words for the progress bar, which distinguish the next fit from those before it."""
     _is_half_turn_tried: bool = False
+
+    def __post_init__(self) -> None:
+        self.views, self.rejected = self.inputs.views, self.inputs.rejected
+
+    @property
+    def setup(self) -> Setup:
+        """The declared setup, with a tolerance for each number that the settings estimate."""
+        return self.nominal.with_tolerances(self.settings)
 
     @property
     def fitted(self) -> Fitted:
@@ -259,7 +265,6 @@ class RepeatedFit:
             self.inputs, intrinsics=bare.intrinsics, intrinsics_are_final=bare.final
         )
         self.nominal = nominal_setup(self.session, self.inputs)
-        self.setup = self.nominal.with_tolerances(self.settings)
 
     def _weigh_noisy_views(self, observations: Observations) -> None:
         """Give noisy views less weight, and fit once more if there are any.
