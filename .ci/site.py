@@ -28,6 +28,7 @@ SHORT_CODE = re.compile(r"(?<!</span>)(?<!<pre>)<code>([^<\n]{1,36})</code>")
 """Code within a sentence that is narrower than a phone."""
 CODE = re.compile(r"<code(?: [^>]*)?>.*?</code>", re.DOTALL)
 OPTION = re.compile(r"(?<=[>\s])(--?[A-Za-z][A-Za-z0-9-]*)(?=[<\s=])")
+UNIT = re.compile(r"(?<=[\s>(-])([0-9.]+) (µm|mm|m|px|s|ms|GB|MB|%)(?=[<\s,.;:)])")
 TABLE = re.compile(r"<table>.*?</table>", re.DOTALL)
 HEADING = re.compile(r"<th[^>]*>(.*?)</th>", re.DOTALL)
 ROW = re.compile(r"<tr>.*?</tr>", re.DOTALL)
@@ -254,6 +255,7 @@ def on_page_content(html: str, **_: Any) -> str:
     html = OUTPUT.sub(lambda match: f"{match[1]}{sized(match[2])}", html)
     html = SHORT_CODE.sub(r'<code class="whole">\1</code>', html)
     html = CODE.sub(lambda code: OPTION.sub(r'<span class="option">\1</span>', code[0]), html)
+    html = CELL.sub(lambda cell: UNIT.sub("\\1\N{NO-BREAK SPACE}\\2", cell[0]), html)
     return TABLE.sub(lambda table: labelled(table[0]), html)
 
 
@@ -324,10 +326,12 @@ def sized(block: str) -> str:
 
 
 def with_sentences(block: str, first: int) -> str:
-    """A block whose lines from the `first` one on are marked as sentences."""
+    """A block whose lines from the `first` one on are marked as sentences. A line that continues a
+    sentence is joined to it, because a phone breaks lines elsewhere.
+    """
     code, end, rest = block.rpartition("</code>")
     lines = code.split("\n")
-    table, sentences = lines[:first], "\n".join(lines[first:])
+    table, sentences = lines[:first], re.sub(r"\n(?=[a-z])", " ", "\n".join(lines[first:]))
     if not sentences.strip():
         return block
     return "\n".join([*table, f'<span class="sentences">{sentences}</span>']) + end + rest

@@ -29,9 +29,11 @@ from calib.estimation.poses import refit_poses
 from calib.estimation.priors import NONE, Priors
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import tuned_score_tests
+from calib.optics.board_polynomials import bend_sigma
 from calib.optics.board_target import FLEX, MOTION
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.exposure import MIDDLE, Exposure
+from calib.optics.flex_bend import FLEX_TERMS
 from calib.optics.projection import project
 from calib.optics.relief import Relief
 from calib.session.board import Board
@@ -124,7 +126,10 @@ EXAMPLES = (
     Example("free_field", BARE, {"board.x": 1e-4, "board.y": 1e-4}, ("views", "board")),
     Example("lens_field", BARE, {"x": 0.1, "y": 0.1}, ("views", "image")),
 )
-DRAWN = {MOTION: (0.02, 0.02, 0.02, 2e-3, 2e-3, 2e-3), FLEX: (3e-4, 3e-4, 3e-4)}
+DRAWN = {
+    MOTION: (0.02, 0.02, 0.02, 2e-3, 2e-3, 2e-3),
+    FLEX: tuple(bend_sigma(3e-4, term) for term in FLEX_TERMS),
+}
 """Rad and m during one readout, and m of bending: the standard deviation over views."""
 
 

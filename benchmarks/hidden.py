@@ -21,8 +21,10 @@ from calib.effects.flat_port import WALL_THICKNESS, FlatPort
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import residuals
 from calib.fit_record.request import Settings
+from calib.optics.board_polynomials import bend_sigma
 from calib.optics.board_target import FLEX, MOTION
 from calib.optics.exposure import MIDDLE
+from calib.optics.flex_bend import FLEX_TERMS
 from calib.optics.projection import project
 from calib.session.cover import Cover
 from fixtures.calibrated import GLASS, calibrate
@@ -38,7 +40,7 @@ THICKEST = 0.02
 """m, of a window in air."""
 FARTHEST = 5.0
 """Standard deviations of what may well be: no entrance pupil moves farther."""
-DRAWN = {MOTION: [1e-4] * 3 + [1e-5] * 3, FLEX: [1e-5] * 3}
+DRAWN = {MOTION: [1e-4] * 3 + [1e-5] * 3, FLEX: [bend_sigma(1e-5, term) for term in FLEX_TERMS]}
 """rad and m: the same for a board that moves."""
 
 

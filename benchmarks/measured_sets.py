@@ -1,7 +1,9 @@
 """`calib fit` against other programs on measured sessions without a cover, on the same corners.
 
-Every third view is kept back. Each program calibrates with the others, and each of its kept-back
-views gets the pose that suits it best; the error is the root mean square of all corners there, px.
+Every third view is kept back, without its single corners at wrong places
+(`calib.fitting.corner_outliers`). Each program calibrates with the others, and each of its
+kept-back views gets the pose that suits it best; the error is the root mean square of all corners
+there, px.
 "Ratio" is to the best other program, with its 95 % interval by drawing the kept-back views anew.
 "Noise" is that of single corners, over the error of the best other program: no model can be better.
 mrcal estimates the board's warp, and is left out where /usr/bin/python3 does not have it.
@@ -39,7 +41,10 @@ from calib.corners.corners_file import write_corners
 from calib.corners.view import View
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
+from calib.estimation.observations import Observations
+from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fit_record.request import Settings
+from calib.fitting.corner_outliers import find_outlier_corners, without_corners
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
 from calib.fitting.inputs import read_views
@@ -74,7 +79,17 @@ def main() -> None:
 def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
     """Print the errors on the kept-back views, and the ratio to the best other program."""
     table = Table(
-        *("session", "ours", "flat board", "best other", "ratio", "noise", "CPU s", "others"),
+        *(
+            "session",
+            "ours",
+            "flat board",
+            "best other",
+            "ratio",
+            "noise",
+            "CPU s",
+            "wrong corners",
+        ),
+        "others",
         "found",
     )
     ratios, floors = [], []
@@ -84,6 +99,7 @@ def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
             training, held_out = split(folder, Path(temporary))
             start = time.process_time()
             calibration = fit(training)
+            held_out, wrong = without_wrong_corners(held_out, calibration, Path(temporary, "right"))
             causes = ""
             if diagnosed:
                 calibration, diagnosis = diagnose(calibration)
@@ -115,6 +131,7 @@ def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
             f"{ratios[-1]:.2f} ({low:.2f} to {high:.2f})",
             f"{floors[-1]:.2f}",
             f"{seconds:.1f}",
+            str(wrong),
             ", ".join(f"{name} {error:.4f}" for name, error in peer_errors.items()),
             causes,
         )
@@ -163,6 +180,21 @@ def split(folder: Path, out: Path) -> tuple[Session, Session]:
     training = [view for index, view in enumerate(views) if index % KEPT_BACK != KEPT_BACK - 1]
     held_out = views[KEPT_BACK - 1 :: KEPT_BACK]
     return part_of(folder, training, out / "kept"), part_of(folder, held_out, out / "held_out")
+
+
+def without_wrong_corners(
+    session: Session, calibration: Calibration, out: Path
+) -> tuple[Session, int]:
+    """Return the session without corners at wrong places, which would be most of every program's
+    error, and their number.
+    """
+    views, _ = read_views(session, Silent())
+    path, values = calibration.model()
+    observations = Observations.of(views, session.board)
+    start = pinhole_poses(path, values, observations)
+    _, residual = refit_poses(path, values, observations, start)
+    wrong = find_outlier_corners(views, residual, session.board, session.camera)
+    return part_of(session.path, without_corners(views, wrong), out), int(wrong.sum())
 
 
 def part_of(folder: Path, views: Sequence[View], out: Path) -> Session:

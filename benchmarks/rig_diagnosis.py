@@ -12,7 +12,9 @@ kinds:
 - still: a board that stands still;
 - flex: the same, and the mounting of the right camera turns by 0.02 degrees and moves by 0.1 mm,
   standard deviations about and along each axis, from placement to placement;
-- slip: the same, and the right camera slips by 0.03 degrees and 0.3 mm after 12 placements.
+- slip: the same, and the right camera slips by 0.03 degrees and 0.3 mm after 12 placements;
+- sheet: the same, and the board bends anew in each placement, by 0.3 mm (standard deviation of each
+  term of degree 2, less for finer ones).
 
 Error over sigma is the root mean square of the sizes' errors over their standard deviations; the
 baseline's error is that in mm, before and after.
@@ -35,6 +37,7 @@ from calib.rig.diagnose_rig import diagnose_rig
 from calib.rig.fit_rig import fit_rig
 from calib.rig.rig_finding import RigDiagnosis
 from calib.session.board import Board
+from fixtures.rig_bends import with_bends
 from fixtures.rig_motion import with_bursts, with_flex
 from fixtures.rigs import SimulatedRig, join_pictures, simulate_rig, with_motion, with_pictures
 from fixtures.synthetic import FLAT_PLACE, WATER, glass
@@ -45,6 +48,8 @@ FLEX_TURN = float(np.radians(0.02))
 FLEX_SHIFT = 1e-4
 """m"""
 SLIP = np.array([0.0, 0.0, np.radians(0.03), 3e-4, 0.0, 0.0])
+BEND = 3e-4
+"""m"""
 PLACEMENTS = 30
 
 Array = NDArray[np.float64]
@@ -82,6 +87,10 @@ def slip(rng: Rng, rig: SimulatedRig) -> SimulatedRig:
     return replace(join_pictures(*pictures), cameras=later.cameras)
 
 
+def sheet(rng: Rng, rig: SimulatedRig) -> SimulatedRig:
+    return with_bends(rng, still(rng, rig), BEND)
+
+
 @dataclass(frozen=True, slots=True)
 class Kind:
     """A kind of rig, and what a diagnosis should find."""
@@ -99,6 +108,7 @@ KINDS = {
     "still": Kind(still),
     "flex": Kind(flex, "rig_flex", (("rig_flex.turn", FLEX_TURN), ("rig_flex.shift", FLEX_SHIFT))),
     "slip": Kind(slip, "rig_slip", (("rig_slip.turn.z", -SLIP[2]), ("rig_slip.shift.x", -SLIP[3]))),
+    "sheet": Kind(sheet, "board_flex", (("board_flex.xx", BEND), ("board_flex.yy", BEND))),
 }
 
 

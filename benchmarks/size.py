@@ -1,8 +1,11 @@
-"""The time and memory of `calib fit` for many corners: `python -m benchmarks.size [--corners 10000
-100000 1000000]`.
+"""The time and memory of `calib fit` for many points: `python -m benchmarks.size`.
 
-Views of one large board behind the paper's cone, from a corners file to the report. Linear means
-that the last two columns stay.
+From a file of corners or of points to the report, behind the paper's cone. Linear means that the
+last two columns stay. There are three kinds:
+
+    dense   ten views of a dense target, as a screen is
+    board   ten views of one large board
+    views   views of a board of 19x19 corners
 """
 
 import argparse
@@ -10,10 +13,18 @@ import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from fixtures.large import write_session
+from fixtures.large import write_dense_session, write_session
+
+FEW = 10
+"""The views of a dense target or of a large board."""
+OF_A_VIEW = 361
+"""The corners of a board of which there are many views."""
 
 
 def taken(command: list[str]) -> tuple[int, float, float, float]:
@@ -39,20 +50,25 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--corners", type=int, nargs="+", default=[10_000, 100_000, 1_000_000])
-    parser.add_argument("--views", type=int, default=10)
+    parser.add_argument("--kinds", nargs="+", choices=("dense", "board", "views"))
     options = parser.parse_args()
+    kinds = options.kinds or ("dense", "board", "views")
     print(
-        "| corners | views | exit code | s | processor s | GB | processor ms a corner | KB a corner"
-        " |\n|---|---|---|---|---|---|---|---|"
+        "| kind | corners | views | exit code | s | processor s | GB | processor ms a corner"
+        " | KB a corner |\n|---|---|---|---|---|---|---|---|---|"
     )
-    for corners in options.corners:
+    for kind, corners in product(kinds, options.corners):
+        views = round(corners / OF_A_VIEW) if kind == "views" else FEW
+        write = write_dense_session if kind == "dense" else write_session
         with TemporaryDirectory() as folder:
-            count = write_session(Path(folder), corners, options.views)
+            # elsewhere, because a process counts the memory of the one that starts it
+            with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+                count = pool.submit(write, Path(folder), corners, views).result()
             code, wall, processor, memory = taken([sys.executable, "-m", "calib", "fit", folder])
         cost = f"{1e3 * processor / count:.2f} | {1e6 * memory / count:.1f}"
         print(
-            f"| {count} | {options.views} | {code} | {wall:.0f} | {processor:.0f} | {memory:.2f} |"
-            f" {cost} |",
+            f"| {kind} | {count} | {views} | {code} | {wall:.0f} | {processor:.0f} | {memory:.2f}"
+            f" | {cost} |",
             flush=True,
         )
 

@@ -4,6 +4,8 @@ A cone of the paper, uneven by 8x8 bumps of 30 um, and frames in memory, so that
 decoder counts. Rounds of `calib stream`'s own loop, and of a loop of cv2.remap with the same maps
 on the same frames, alternate in one run; figures are medians of rounds. CPU is that of all threads.
 The latency is that of a camera which leaves the stream a third of the time.
+A new depth image costs its own time, once, in a thread beside the stream: it is read as 16-bit PNG,
+two planes, and gives new maps.
 The bar is for the loop itself, to a target that takes the picture and does nothing; what the
 formats of a pipe, a loopback device and a browser add is printed beside it.
 """
@@ -13,7 +15,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import NamedTuple, Self
 
@@ -23,9 +27,12 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from calib.apply.undistorter import Undistorter
+from calib.apply.undistorter import NEAR, Undistorter
+from calib.calibration import Calibration
 from calib.session.shutter import Shutter
 from capture.frames import Frame
+from capture.streaming.depth_file import DepthFile
+from capture.streaming.depth_maps import DepthMaps
 from capture.streaming.pipe import PipeTarget
 from capture.streaming.statistics import StreamStatistics
 from capture.streaming.straightener import Straightener
@@ -180,6 +187,7 @@ def measure(size: tuple[int, int], count: int) -> dict[str, str]:
         "cv2.remap alone: CPU a frame, ms": f"{bare.cpu_ms:.2f}",
         "cv2.remap alone: frames a second": f"{1e3 / bare.wall_ms:.0f}",
         RATIO: f"{median(ratios):.3f}",
+        **depth_image_figures(calibration, undistorter, pictures, count),
     }
     for name, rounds in costs.items():
         cost = typical(rounds)
@@ -222,6 +230,41 @@ def stream_frames(
         1e3 * (time.process_time() - cpu) / count,
         stream.statistics.latency_ms(50),
     )
+
+
+def depth_image_figures(
+    calibration: Calibration, undistorter: Undistorter, pictures: Sequence[Picture], count: int
+) -> dict[str, str]:
+    """Return the figures of a stream with a depth for each pixel, by their names: a frame, and a
+    depth image that is replaced by another.
+    """
+    width, height = undistorter.size
+    straight = np.zeros((height, width, 3), np.uint8)
+    millimetres = np.full((height, width), 800, np.uint16)
+    millimetres[:, : width // 2] = 300
+    view = StreamView(None)
+    frame_ratios = []
+    image_ratios = []
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "depth.png")
+        cv2.imwrite(str(path), millimetres)
+        file = DepthFile(path, NEAR, lambda _: None)
+        straightener = Straightener(calibration, view, depth_file=file)
+        maps = DepthMaps(calibration, view, DepthFile(path, NEAR, lambda _: None))
+        for _ in range(ROUNDS):
+            plain = remap_frames(undistorter, straight, pictures, count)
+            stream = stream_frames(straightener, Nowhere(), pictures, count)
+            cv2.imwrite(str(path), millimetres)
+            cpu = time.process_time()
+            maps.undistorter(view)
+            image_ratios.append(1e3 * (time.process_time() - cpu) / plain.cpu_ms)
+            straightener.straighten(pictures[0])
+            straightener.wait()
+            frame_ratios.append(stream.cpu_ms / plain.cpu_ms)
+    return {
+        "with a depth image: CPU over cv2.remap": f"{median(frame_ratios):.3f}",
+        "a new depth image: CPU over cv2.remap": f"{median(image_ratios):.1f}",
+    }
 
 
 def typical(costs: Sequence[Cost]) -> Cost:

@@ -33,6 +33,13 @@ TITLES = {
     "cover+rbf+effects": "effects found",
 }
 """The titles of a fit's stages in reports."""
+MEANINGS = {
+    "pinhole": "the lens as given or as first estimated, with no cover in the model",
+    "cover": "with a smooth cover, as declared or as first estimated",
+    "cover+rbf": "lens and cover as fitted, with uneven glass if the pictures show it",
+    "cover+rbf+effects": "as fitted, with the board as the pictures show it and all effects found",
+}
+"""The models of a fit's stages in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +56,11 @@ class Stage:
     @property
     def title(self) -> str:
         return TITLES.get(self.name, self.name)
+
+    @property
+    def meaning(self) -> str:
+        """The model of the stage, in words; empty for a stage of an unknown name."""
+        return MEANINGS.get(self.name, "")
 
 
 @dataclass(frozen=True, slots=True)

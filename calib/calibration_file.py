@@ -18,6 +18,7 @@ from calib.corners.view import RejectedPicture, View
 from calib.effects.serialise import effect_from_yaml, effect_to_yaml
 from calib.effects.varying import Varying
 from calib.errors import InputError, NotEnoughDataError, brief, wrong_type
+from calib.estimation.residuals import reach_board
 from calib.fit_record.file_checks import (
     CALIBRATION,
     check_arrays,
@@ -35,7 +36,7 @@ from calib.io.images import session_pictures
 from calib.io.result_names import CALIBRATION_ARRAYS, CALIBRATION_FILE, RIG_CALIBRATION_FILE
 from calib.io.shell import shell_path
 from calib.io.yaml_reader import is_opencv, read_yaml
-from calib.optics.board_target import POSE, VIEW_BLOCKS
+from calib.optics.board_target import FLEX, POSE, VIEW_BLOCKS, block_columns
 from calib.session.camera import camera_to_yaml
 from calib.session.cover_section import cover_to_yaml
 from calib.session.point_target import PointTarget
@@ -79,7 +80,7 @@ def read_content(path: str | FilePath) -> CalibrationContent:
         if is_media(path):
             raise InputError(
                 f"{path} is a picture or a video where a calibration is needed:"
-                f" {fit_pictures_command(path)} makes one."
+                f" `{fit_pictures_command(path)}` makes one."
             )
         path = path / CALIBRATION_FILE if path.is_dir() else path
         document, arrays = _read_pair(path)
@@ -148,11 +149,10 @@ def array_bytes(content: CalibrationContent) -> memoryview:
         unknown = np.full((board.count, 2), math.nan)
         arrays["blurs"] = np.array([unknown if view.blur is None else view.blur for view in views])
     if not board.has_grid:
-        unknown = np.full((board.count, 2, 2), math.nan)
         arrays["target"] = board.points()
-        arrays["point_covariances"] = np.array(
-            [unknown if view.covariance is None else view.covariance for view in views]
-        ).reshape(-1, *unknown.shape)
+        covariances = [view.covariance for view in views if view.covariance is not None]
+        if len(covariances) == len(views):
+            arrays["point_covariances"] = np.array(covariances).reshape(-1, board.count, 2, 2)
     if content.corners_at.size:
         arrays["corners_at"] = content.corners_at
     return npz(arrays, compressed=False)  # not compressed: the same bytes on every machine
@@ -178,8 +178,8 @@ def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
             raise InputError(f"{path} does not exist: {_where_to_find(path)}.")
         if is_opencv(place):
             raise InputError(
-                f"{path} is a file of OpenCV, of a camera without its cover: calib fit PICTURES"
-                f" --intrinsics {shell_path(path)} takes its numbers."
+                f"{path} is a file of OpenCV, of a camera without its cover:"
+                f" `calib fit PICTURES --intrinsics {shell_path(path)}` takes its numbers."
             )
         if place.suffix.lower() not in YAML_SUFFIXES:
             raise InputError(
@@ -216,9 +216,9 @@ def _where_to_find(path: FilePath) -> str:
     if path.stem != "calibration":
         return "give the folder that calib fit wrote"
     if (folder / "session.yaml").is_file():
-        return f"calib fit {shell_path(folder)} makes it"
+        return f"`calib fit {shell_path(folder)}` makes it"
     if session_pictures(folder):
-        return f"{fit_pictures_command(folder)} makes one of these pictures"
+        return f"`{fit_pictures_command(folder)}` makes one of these pictures"
     return "give the folder that calib fit wrote"
 
 
@@ -258,8 +258,9 @@ def _from_mapping(
         has_covariance=arrays["covariance"].size > 0,
         has_relief=relief is not None,
     )
-    blocks = (POSE, *(added.effect.per_view for added in effects))
-    check_arrays(arrays, relief, board, sum(VIEW_BLOCKS[block] for block in blocks if block))
+    blocks = {POSE, *(added.effect.per_view for added in effects)} - {""}
+    arrays = arrays | {"poses": _with_all_bends(arrays["poses"], blocks)}
+    check_arrays(arrays, relief, board, sum(VIEW_BLOCKS[block] for block in blocks))
     content = CalibrationContent(
         board=board,
         camera=camera,
@@ -306,6 +307,17 @@ def _declared(declared: dict[str, Any], target: dict[str, object], path: FilePat
     return Declared(camera.intrinsics, cover, tuple(map(str, declared.get("doubted", ()))))
 
 
+def _with_all_bends(poses: NDArray[Any], blocks: set[str]) -> NDArray[Any]:
+    """Return the parameters of views, in which a board that bends in every view has all terms: an
+    earlier version wrote those of degree 2 alone.
+    """
+    lacking = sum(VIEW_BLOCKS[block] for block in blocks) - poses.shape[-1]
+    if FLEX not in blocks or lacking != VIEW_BLOCKS[FLEX] - 3:
+        return poses
+    end = block_columns(blocks)[FLEX].start + 3
+    return np.insert(poses, [end] * lacking, 0.0, axis=1)
+
+
 def _views(arrays: dict[str, NDArray[Any]]) -> tuple[View, ...]:
     """Return the views of the arrays."""
     blurs = arrays.get("blurs", np.full((*arrays["weights"].shape, 2), math.nan))
@@ -348,13 +360,8 @@ def _check_views(content: CalibrationContent) -> None:
     sample = observations.select_rows(row % spacing == 0)
     path, values = content.model()
     with single_thread():
-        _, failure = path.land(
-            sample.pixels,
-            values,
-            torch.from_numpy(content.poses)[sample.view],
-            sample.exposure,
-        )
-    landed = torch.bincount(sample.view[failure == 0], minlength=len(views))
+        reached = reach_board(path, values, sample, torch.from_numpy(content.poses))
+    landed = torch.bincount(sample.view[reached], minlength=len(views))
     implausible = landed < MIN_LANDED_FRACTION * sample.starts.diff()
     if implausible.any():
         name = views[int(implausible.int().argmax())].name

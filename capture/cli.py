@@ -16,7 +16,7 @@ Record the pictures for a calibration, with any camera of this machine.
   capture SESSION --serve                the same in a browser of this machine
   capture SESSION --serve --host 0.0.0.0 --port 8000
                                          in any browser that has the address
-`capture SESSION --help` lists all options of these.
+`capture SESSION --help` explains their options.
 """
 EPILOG = """
 stdout carries the result, stderr the next step and remarks. Exit codes: 0 done, 1 a bug, 2 wrong

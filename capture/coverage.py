@@ -263,14 +263,14 @@ class InformedGuide:
         )
 
     def _sentence(self, sigma: float, needed: int | None) -> str:
-        estimate = f"The maps are likely off by {_px(sigma)} px; {_px(self._target)} are wanted"
+        estimate = f"The maps are likely off by {_px(sigma)} px; the goal is {_px(self._target)} px"
         if needed is None:
             return (
                 f"{estimate}, which {MAX_PLANNED_VIEWS} more views would not reach: take nearer and"
                 " larger boards."
             )
         if needed:
-            return f"{estimate}: likely {needed} more view{'s' if needed > 1 else ''}."
+            return f"{estimate}: about {needed} more view{'s' if needed > 1 else ''}."
         if self._folds_agree is None:
             return f"{estimate}. The test with views left out of the fit is still running."
         if not self._folds_agree:

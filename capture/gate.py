@@ -42,8 +42,8 @@ MIN_AFFINE_CORNERS = 4  # corners that determine an affine motion and leave a re
 
 NO_BOARD = "No board in view: hold the whole board in the picture, evenly lit and in focus."
 WRONG_BOARD = (
-    "The board in view has more corners than the session's: show the session's board, or correct"
-    " its columns and rows."
+    "The board in view has more corners than the board that you described: show that board, or"
+    " correct its columns and rows."
 )
 HIDDEN_BOARD = (
     "Only a part of the board can be made out: uncover all of it, and turn glare and shadow away."

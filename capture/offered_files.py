@@ -1,5 +1,5 @@
 """Files that a served app offers to its page: one as it is, several as an archive, which is made
-as it is sent and takes neither memory nor disk.
+as it is sent and takes neither memory nor disk, or two pictures on a page.
 """
 
 import asyncio
@@ -11,8 +11,10 @@ from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
 from aiohttp import web
 
+from calib.errors import InputError
 from calib.report.scripts import allowed_scripts
 from capture.disk import is_regular_file
+from capture.picture_pair import pair_page
 
 CHUNK_BYTES = 1 << 16
 HEADERS = {
@@ -31,11 +33,15 @@ figures, and is of no origin, so that it reaches nothing else that is served.
 
 
 async def send_files(request: web.Request, files: Sequence[Path]) -> web.StreamResponse:
-    """Answer with the only file, or with an archive of several; 404 where one is missing."""
+    """Answer with the only file, with an archive of several, or with a page of two pictures; 404
+    where one is missing.
+    """
     if not files or not all(map(is_regular_file, files)):
         return web.Response(status=404)
     if request.path.endswith(".zip"):
         return await _send_archive(request, files)
+    if len(files) == 2:
+        return await _send_pair(*files)
     return web.FileResponse(files[0], headers=HEADERS)
 
 
@@ -49,6 +55,14 @@ async def _send_archive(request: web.Request, files: Sequence[Path]) -> web.Stre
         await response.write(chunk)
     await response.write_eof()
     return response
+
+
+async def _send_pair(original: Path, straight: Path) -> web.Response:
+    try:
+        page = await asyncio.to_thread(pair_page, original, straight)
+    except InputError:
+        return web.Response(status=404)
+    return web.Response(text=page, content_type="text/html", headers=HEADERS)
 
 
 class _Pending(io.RawIOBase):

@@ -103,8 +103,8 @@ class Recorder:
             is_inner_session = (self._folder / "session.yaml").exists()
         if is_inner_session and self._folder != self.session:
             raise InputError(
-                f"{self._folder} is a session of its own: record into it by capture record"
-                f" {self._folder}, without --bare."
+                f"{self._folder} is a session of its own: record into it by"
+                f" `capture record {self._folder}`, without --bare."
             )
         for place in (self._folder, self._table):
             if place.is_symlink():

@@ -27,9 +27,9 @@ def refuse_result_folder(folder: Path) -> None:
             return
         is_described = (session / "session.yaml").is_file()
     place = (
-        f"go on with its session: capture {shell_path(from_here(session))}"
+        f"go on with its session: `capture {shell_path(from_here(session))}`."
         if is_described
-        else "name a new folder for the pictures: capture NEW"
+        else "name a new folder for the pictures: `capture NEW`."
     )
     raise InputError(f"{folder} holds a finished calibration, not pictures: {place}")
 

@@ -8,6 +8,7 @@ import yaml
 from calib.errors import InputError
 from calib.io.files import reading
 from calib.io.images import frames_folder
+from calib.io.output_folder import Content, OutputFolder
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -16,7 +17,7 @@ from calib.session.cover import Cover
 from calib.session.schema import Section
 from calib.session.session import FORMAT, PRIOR_KEY, session_from_mapping, session_to_yaml
 from calib.session.shutter import Shutter
-from capture.disk import write_durably
+from capture.disk import write_durably, writing
 
 Setup = tuple[Board, Camera, Cover]
 BOARD_ADVICE = (
@@ -35,8 +36,8 @@ def read_setup(file: Path) -> Setup:
     setup = read_described(file)
     if not setup[0].has_grid:
         raise InputError(
-            f"{file} has a target of points: fit it by calib fit, go on with its screen by capture"
-            " SESSION --screen --serve, or record a board into another folder."
+            f"{file} has a target of points: fit it by `calib fit`, go on with its screen by"
+            " `capture SESSION --screen --serve`, or record a board into another folder."
         )
     return setup
 
@@ -125,11 +126,19 @@ def write_setup(
             camera = like[1]
     camera = replace(camera, shutter=camera.shutter or shutter)
     described = {"format": FORMAT, **session_to_yaml(board, camera, cover)}
-    write_durably(
-        session / "session.yaml",
-        yaml.safe_dump(described, sort_keys=False, allow_unicode=True, width=120),
-    )
+    text = yaml.safe_dump(described, sort_keys=False, allow_unicode=True, width=120)
+    write_description(session, text)
     return cover
+
+
+def write_description(session: Path, text: str) -> None:
+    """Write session.yaml. Unless a person has edited it, options of `calib fit` may change it."""
+    file = session / "session.yaml"
+    folder = OutputFolder(session)
+    if not file.exists() or folder.owns(file.name):
+        with writing(file):
+            folder.add({file.name: Content.of(text)})
+    write_durably(file, text)
 
 
 def _describe(board: Board) -> str:

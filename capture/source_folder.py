@@ -2,14 +2,21 @@
 alike to the program.
 """
 
+from itertools import starmap
 from pathlib import Path
 
-from calib.errors import InputError
-from capture.session_file import read_setup
+import numpy as np
+
+from calib.errors import InputError, RefracalError
+from calib.io.files import reading
+from calib.io.images import list_images, read_image
+from capture.session_file import picture_folder, read_setup
 from capture.sources.registry import full_source
 from capture.typed_path import expand_typed_path
 
-PICTURE_KINDS = ("without the cover", "through it")
+PICTURE_KINDS = ("without the cover", "through the cover")
+MAX_COMPARED = 3
+"""The largest number of pictures that are compared with recorded ones: reading takes time."""
 
 
 def select_pictures(source: str, *, covered: bool) -> str:
@@ -64,6 +71,46 @@ def describe_mismatch(source: str, *, covered: bool) -> str:
         f"{file} says that its pictures have {cover}, where those {PICTURE_KINDS[covered]} are"
         " wanted."
     )
+
+
+def describe_repeat(source: str, session: Path, *, covered: bool) -> str:
+    """Return a sentence if the source's pictures are those that the session has without the cover,
+    while pictures through it are wanted, or the reverse; else an empty string. It compares the
+    pixels of pictures with the same name, because cameras number their pictures alike.
+    """
+    folder = _folder(source)
+    recorded = picture_folder(session, bare=covered)
+    if not folder or not folder.is_dir() or not recorded.is_dir():
+        return ""
+    inner = folder / "frames"
+    with reading(folder):
+        pictures = list_images(inner if inner.is_dir() else folder)
+    with reading(recorded):
+        copies = {copy.stem: copy for copy in list_images(recorded)}
+    pairs = [(picture, copies[picture.stem]) for picture in pictures if picture.stem in copies]
+    is_repeat = any(starmap(_are_equal, pairs[:MAX_COMPARED]))
+    return repeat_sentence(source, session, covered=covered) if is_repeat else ""
+
+
+def repeat_sentence(source: str, session: Path, *, covered: bool) -> str:
+    """Return the sentence on a source whose pictures the session has already, as those of the other
+    kind.
+    """
+    recorded = picture_folder(session, bare=covered)
+    shown = "show the cover" if covered else "show no cover"
+    return (
+        f"{source} has the pictures that were recorded {PICTURE_KINDS[not covered]}: name others,"
+        f" which were taken {PICTURE_KINDS[covered]}. If these {shown}, first move the pictures in"
+        f" {recorded} elsewhere."
+    )
+
+
+def _are_equal(picture: Path, copy: Path) -> bool:
+    """Return True if two files have the same pixels; False for a damaged one."""
+    try:
+        return np.array_equal(read_image(picture), read_image(copy))
+    except RefracalError:  # whoever reads the source reports it
+        return False
 
 
 def is_kind_unknown(source: str) -> bool:

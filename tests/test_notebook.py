@@ -233,7 +233,7 @@ REFUSED: dict[str, Callable[[Points], object]] = {
     "are no grid of squares": lambda points: calib.calibrate(
         [array**1.3 for array in points[0]], points[1], SIZE
     ),
-    "are not flat": lambda points: calib.calibrate(
+    "are on a plane, and not on z = 0": lambda points: calib.calibrate(
         [array + np.array([0, 0, 0.1]) for array in points[0]], points[1], SIZE
     ),
     "outside 64x48 px: give size": lambda points: calib.calibrate(*points, (64, 48)),

@@ -158,6 +158,21 @@ def test_the_pictures_of_the_start_page_are_there() -> None:
     assert figures.findall(start) == figures.findall(readme)
 
 
+def test_the_start_page_cuts_its_pictures_where_they_are_blank() -> None:
+    """The upper half stands above the cards, so that a visitor sees it at once."""
+    style = (DOCS / "site.css").read_text(encoding="utf-8")
+    cuts = re.findall(r"\.(hero|below-hero img) \{[^}]*aspect-ratio: (\d+) / (\d+)", style)
+    assert [half for half, _, _ in cuts] == ["hero", "below-hero img"] * 2
+    names = ("picture.png", "picture.png", "picture-phone.png", "picture-phone.png")
+    for name, (half, width, rows) in zip(names, cuts, strict=True):
+        with Image.open(DOCS / name) as image:
+            row = int(rows) if half == "hero" else image.height - int(rows)
+            assert image.width == int(width)
+            assert image.crop((0, row, image.width, row + 1)).convert("L").getextrema()[0] == 255
+    start = (DOCS / "index.md").read_text(encoding="utf-8")
+    assert start.index('class="hero"') < start.index("grid cards") < start.index("below-hero")
+
+
 def test_a_broken_link_is_found(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(
@@ -193,8 +208,18 @@ def test_sentences_below_a_table_keep_the_size_of_their_letters() -> None:
     table = "<code>what   held out\nlens  0.2 → 0.1"
     marked = HOOKS.sized(f"<span></span>{table}\nWrote out.\n\nYou can trust it.\n</code>")
     assert f'{table}\n<span class="sentences">Wrote out.\n\nYou can trust it.\n</span>' in marked
+    wrapped = HOOKS.sized(f"{table}\nGain: how far it falls. These errors\nweigh corners.\n</code>")
+    assert "how far it falls. These errors weigh corners.\n</span>" in wrapped
     for block in (f"{table}\n</code>", "<code>You can trust it.\n</code>"):
         assert block in HOOKS.sized(block)
+
+
+def test_a_number_in_a_table_stays_with_its_unit() -> None:
+    page = HOOKS.on_page_content(
+        "<table><tr><td>3 mm, 10x10, 10 µm</td><td>2 sets</td></tr></table>"
+    )
+    assert "3\N{NO-BREAK SPACE}mm, 10x10, 10\N{NO-BREAK SPACE}µm" in page
+    assert "2 sets" in page
 
 
 def test_a_quoted_word_of_a_heading_stays_in_the_label_of_its_cells() -> None:
@@ -248,7 +273,16 @@ def test_the_covers_of_the_measuring_page_are_read() -> None:
 @pytest.mark.parametrize("page", ["measuring.md", "calibrating.md"])
 def test_a_page_says_how_well_a_plain_index_of_water_is_known(page: str) -> None:
     text = (DOCS / page).read_text(encoding="utf-8")
-    assert f", sigma: {ANY_WATER.sigma:g}}}" in text
+    assert re.search(rf"plain index of water .* {ANY_WATER.sigma:g}\b", text)
+
+
+def test_the_first_command_of_the_calibrating_page_is_explained_word_by_word() -> None:
+    page = (DOCS / "calibrating.md").read_text(encoding="utf-8")
+    command = re.search(r"```\ncalib fit (.*?)```", page, re.DOTALL)
+    assert command
+    words = re.findall(r"(?:--?\S+ )?\S+", command[1].replace("\\\n", ""))
+    section = page.split("\n### ")[0]
+    assert re.findall(r"^\| `(.*?)` \|", section, re.MULTILINE) == words
 
 
 def test_the_drawings_are_what_the_program_draws(tmp_path: Path) -> None:
@@ -316,6 +350,14 @@ def test_it_builds_strictly_and_fetches_nothing(site: Path) -> None:
         assert "<table class" not in path.read_text(encoding="utf-8"), "Material styles no other"
     reference = (site / "reference.html").read_text(encoding="utf-8")
     assert 'id="calib.calibration.Calibration.undistort_maps"' in reference
+
+
+@pytest.mark.slow
+def test_errors_beside_those_of_peers_stay_in_a_table_on_a_phone(site: Path) -> None:
+    page = (site / "peers.html").read_text(encoding="utf-8")
+    section = page.partition('id="the-error-near-the-camera"')[2].partition("<h2")[0]
+    assert section.count("<table") == 2
+    assert "data-stacked" not in section
 
 
 def look(address: str) -> str:

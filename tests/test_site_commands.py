@@ -25,6 +25,7 @@ import pytest
 from calib import cli
 from calib.commands.command_line import _parser
 from calib.extras import EXTRAS
+from calib.io.output_folder import Content, OutputFolder
 from capture import cli as capture_cli
 from tests.importing import recordings
 from tests.io.bags import raw, write_bag
@@ -156,7 +157,9 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("bumps", "two"):
         shutil.copytree(ROOT / "fixtures" / name, folder / "fixtures" / name, ignore=stored)
     for name in ("SESSION", "OTHER", "HOLDOUT", "pi", "sessions/A17", "sessions/A18"):
-        shutil.copytree(FIXTURE / "holdout", folder / name, ignore=stored)
+        session = shutil.copytree(FIXTURE / "holdout", folder / name, ignore=stored)
+        description = Content.of_file(session / "session.yaml")
+        OutputFolder(session).add({"session.yaml": description})  # as if `capture` had written it
     shutil.copytree(FIXTURE / "holdout" / "frames", folder / "PICTURES", ignore=stored)
     (folder / "fleet.csv").write_text("id,session\nA17,sessions/A17\nA18,sessions/A18\n")
     picture = cv2.imread(str(FIXTURE / "holdout" / "frames" / "0000.jpg"))

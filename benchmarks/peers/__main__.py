@@ -1,10 +1,11 @@
-"""Calibrate the same corners with this project, the paper's procedure, OpenCV and mrcal, and
-compare.
+"""Calibrate the same corners with this project, the paper's procedure, OpenCV, mrcal and lensboy,
+and compare.
 
 Errors are px RMS on views that were not trained on, with each view's pose refitted: "test" at the
 training depths, 0.6-1.2 m, and "near" at 0.15-0.3 m with boards partly in the picture. A whole
 command is what a person types, with as many threads as it likes, the report or the uncertainty's
-map included. mrcal is found where Debian puts it: apt-get install mrcal python3-mrcal.
+map included. mrcal is found where Debian puts it: apt-get install mrcal python3-mrcal. lensboy is
+found on PYTHONPATH: pip install --no-deps --target FOLDER lensboy.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 
@@ -42,6 +44,9 @@ PEERS = (
     ("mrcal OPENCV8", "mrcal", "OPENCV8"),
     ("mrcal splined 8x7", "mrcal", SPLINED.format(8, 7)),
     ("mrcal splined 10x8", "mrcal", SPLINED.format(10, 8)),
+    ("lensboy, 14 coefficients", "lensboy", "opencv"),
+    ("lensboy splined 8x7", "lensboy", "splined 8 7"),
+    ("lensboy splined 10x8", "lensboy", "splined 10 8"),
     (OUR_COMMAND, "calib_fit", ""),
     ("refracal calib fit, told only a cone", "calib_fit", "shape"),
     ("mrcal OPENCV8, whole command", "mrcal", "command OPENCV8"),
@@ -86,11 +91,11 @@ def main() -> None:
     options = parser.parse_args()
     if options.seeds < 1:
         parser.error("--seeds must be at least 1")
-    missing = _mrcal_missing()
+    missing = {"mrcal": _mrcal_missing(), "lensboy": _lensboy_missing()}
     peers = [
         (name, DEBIAN if module == "mrcal" else sys.executable, module, which)
         for name, module, which in PEERS
-        if not (missing and module == "mrcal")
+        if not missing.get(module)
     ]
     if torch.cuda.is_available():
         peers.append(
@@ -138,8 +143,8 @@ def main() -> None:
         f"{', '.join(sorted(versions))}; {platform.machine()}, {os.cpu_count()} processors, every"
         " fit but whole commands on one thread."
     )
-    if missing:
-        console.print(missing)
+    for sentence in filter(None, missing.values()):
+        console.print(sentence)
 
 
 def _mrcal_missing() -> str | None:
@@ -155,6 +160,15 @@ def _mrcal_missing() -> str | None:
     return (
         "mrcal is not installed, so it is left out: on Debian or Ubuntu, apt-get install mrcal"
         " python3-mrcal."
+    )
+
+
+def _lensboy_missing() -> str | None:
+    if find_spec("lensboy"):
+        return None
+    return (
+        "lensboy is not installed, so it is left out: pip install --no-deps --target FOLDER"
+        " lensboy, and PYTHONPATH=FOLDER."
     )
 
 

@@ -60,8 +60,14 @@ def describe_depths(calibration: Calibration, depths: Iterable[float]) -> Iterat
 
 
 def describe_all(calibration: Calibration, depths: Iterable[float]) -> Iterator[str]:
-    """Yield the sentences of `describe_depths` and of `describe_unsupported`."""
+    """Yield the sentences of `describe_depths` and of `describe_unsupported`.
+
+    Raises:
+        InputError: the camera sees nothing at one of the depths; there is no sentence before it.
+    """
     depths = tuple(depths)
+    for depth in depths:
+        calibration.ray_field().check_reach(depth)
     yield from describe_depths(calibration, depths)
     yield from describe_unsupported(calibration, depths)
 

@@ -27,6 +27,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
+from calib.estimation.residuals import reach_board
 from calib.io.array_arguments import (
     FARTHEST_M,
     FARTHEST_PX,
@@ -179,10 +180,7 @@ class Measurer:
             )
         with single_thread():
             poses, _ = refit_poses(path, values, observations, start)
-            _, failure = path.land(
-                observations.pixels, values, poses[observations.view], observations.exposure
-            )
-            visible = observations.select_rows(failure == 0)
+            visible = observations.select_rows(reach_board(path, values, observations, poses))
             weights = pixel_weights(path, values, visible, poses, self._corner_noise)
             (landing,) = make_residual_blocks(path, Parameters.none(values), visible, weights)
             by_pose = landing.linearise(values, poses).jacobian_block.flatten(0, 1).numpy()

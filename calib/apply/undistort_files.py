@@ -19,9 +19,11 @@ from calib.errors import InputError
 from calib.io.depth_image import depth_image_for
 from calib.io.files import make_folder, reading
 from calib.io.images import (
+    CONVERTIBLE,
     SIXTEEN_BIT,
     SUFFIXES,
     TYPES,
+    conversion,
     list_images,
     read_image,
     session_pictures,
@@ -154,12 +156,14 @@ def _check_names(paths: Sequence[Path], folder: Path) -> None:
         if path.suffix.lower() in OTHER_VIDEOS:
             raise InputError(
                 f"{path} is a video of a type that is not read: convert it by"
-                f" {convert_command(path)}"
+                f" `{convert_command(path)}`."
             )
+        if path.suffix.lower() in CONVERTIBLE:
+            raise InputError(f"{path} is of a type that is not read: {conversion(path)}.")
         if path.suffix.lower() not in (*SUFFIXES, *VIDEOS):
             raise InputError(
-                f"{path} is neither a picture nor a video by its name, which says what to write:"
-                f" its suffix must be one of {', '.join((*SUFFIXES, *VIDEOS))}."
+                f"{path} is neither a picture nor a video by its name: it must end in one of"
+                f" {', '.join((*SUFFIXES, *VIDEOS))}."
             )
         name = straightened_name(path)
         if name in paths_by_name:

@@ -78,7 +78,7 @@ def straighten_video(
         if not frames:
             raise InputError(
                 f"{path} holds no frame that can be decoded: replace it, or convert it by"
-                f" {convert_command(path)}"
+                f" `{convert_command(path)}`."
             )
         _check_stored(temporary, target, frames)
         written = output.take(temporary, target.name)

@@ -95,6 +95,8 @@ def changes_of(calibration: Calibration) -> tuple[Effect, ...]:
     for kind in KINDS:
         if kind.name in effects:
             changes.append(effects[kind.name])
+        elif kind in (BoardShape, BoardScale) and not calibration.board.is_flat:
+            continue
         elif kind is BoardShape:  # a newly bent board is dish-shaped
             changes.append(BoardShape(*calibration.board.half, DEGREES[0]))
         elif kind is BoardScale:  # matches its wording

@@ -46,12 +46,12 @@ FORGOTTEN = (
     " they are of this camera"
 )
 IMMERSED = {
-    WATER: "the pictures were taken under water, and the calibration is for air: calib immerse"
-    f" CALIBRATION --outside-index {MEDIA[WATER]:g}, with the calibration that was checked, makes"
-    " one for water",
-    AIR: "the pictures were taken in air, and the calibration is for water: calib immerse"
-    f" CALIBRATION --outside-index {MEDIA[AIR]:g}, with the calibration that was checked, makes"
-    " one for air",
+    WATER: "the pictures were taken under water, and the calibration is for air:"
+    f" `calib immerse CALIBRATION --outside-index {MEDIA[WATER]:g}`, with the calibration that"
+    " was checked, makes one for water",
+    AIR: "the pictures were taken in air, and the calibration is for water:"
+    f" `calib immerse CALIBRATION --outside-index {MEDIA[AIR]:g}`, with the calibration that was"
+    " checked, makes one for air",
 }
 OTHER_CAMERA = "other_camera"
 ANOTHER = (

@@ -18,6 +18,8 @@ from calib.session.session import read_session
 
 OTHER_BOARD = "other_board"
 """The name of a change of the board, or of its description."""
+OTHER_MODE = "other_mode"
+"""The name of a change of the pictures' size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +57,7 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
             f"the pictures come from another mode: {size[0]}x{size[1]} px where the calibration has"
             f" {camera.width}x{camera.height}"
         )
-        return Pictures((), session.board, rejected, words, "other_mode")
+        return Pictures((), session.board, rejected, words, OTHER_MODE)
     try:
         views, undetected = read_views(session, progress, min_views=1)
     except OtherBoardError as error:

@@ -19,7 +19,7 @@ from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
-from calib.estimation.residuals import Residuals, residuals
+from calib.estimation.residuals import Residuals, reach_board, residuals
 from calib.optics.path import Path
 
 Array = NDArray[np.float64]
@@ -91,10 +91,7 @@ def refit(
         precision = torch.from_numpy(_precision(prior, parameters, change, new))
     shared = parameters.vector({**parameters.origin, **(start or {})})
     initial = parameters.values(shared)
-    _, failure = path.land(
-        observations.pixels, initial, poses[observations.view], observations.exposure
-    )
-    visible_observations = observations.select_rows(failure == 0)
+    visible_observations = observations.select_rows(reach_board(path, initial, observations, poses))
     weights = pixel_weights(path, initial, visible_observations, poses, sigma)
     problem = LandingProblem(
         parameters,

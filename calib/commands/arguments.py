@@ -9,6 +9,7 @@ from calib.errors import InputError, brief, meant
 from calib.io.numerals import whole_number
 from calib.io.result_names import CALIBRATION_FILE
 from calib.session.number_spelling import length_in_mm, material_index
+from calib.session.schema import is_unknown
 
 FARTHEST = 1e9
 """m: a map for a greater depth equals the map for infinity to its last digit."""
@@ -124,13 +125,36 @@ def millimetres(text: str) -> float:
                 f"{quoted(text)} is not a side of a square: write {length:g}, in millimetres"
                 " without a unit"
             )
-        metres = 0 < side < 0.05
-        hint = f" ({side:g} m, if metres were meant, is {side * 1000:g})" if metres else ""
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a side of a square: write millimetres from 0.05 to 100000, such"
-            f" as 25{hint}"
+            f" as 25{_side_hint(text, side)}"
         )
     return side
+
+
+def check_depth_given(args: argparse.Namespace) -> None:
+    """Raise InputError if there is neither a depth nor a depth image."""
+    if args.depth is None and args.depth_image is None:
+        raise InputError(
+            "No depth is given: write --depth 0.8 for one distance in metres, or"
+            " --depth-image FILE for a distance of each pixel."
+        )
+
+
+def _side_hint(text: str, side: float) -> str:
+    """Return what was probably meant by a text that is no side of a square; "" if nothing shows it.
+
+    Args:
+        text: what was typed.
+        side: its number, 0 if it is none.
+    """
+    if 0 < side < 0.05:
+        return f" ({side:g} m, if metres were meant, is {side * 1000:g})"
+    if is_unknown(text):
+        return ". Pictures cannot show it: measure ten squares, and divide"
+    if "+-" in text:
+        return ". An uncertainty stands in session.yaml: square_mm: {value: 25, sigma: 0.5}"
+    return ""
 
 
 def doubt_unit(option: str, side_mm: float) -> str:

@@ -97,6 +97,7 @@ def run(args: argparse.Namespace) -> int:
         written[0].parent if written else args.calibration,
         args.pictures,
         updated=bool(written),
+        size=(calibration.camera.width, calibration.camera.height),
     )
     if args.json:
         updates = {number.name: number.as_json() for number in numbers}

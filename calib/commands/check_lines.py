@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from calib.calibration import Calibration
-from calib.checking.pictures import OTHER_BOARD
+from calib.checking.pictures import OTHER_BOARD, OTHER_MODE
 from calib.checking.result import CheckResult, CheckStatistics, CheckStatus
 from calib.checking.significance import ALPHA
 from calib.checking.update import NumberUpdate
@@ -48,13 +48,21 @@ def print_result(
 
 
 def next_command(
-    result: CheckResult, calibration: Path, pictures: Sequence[Path], *, updated: bool
+    result: CheckResult,
+    calibration: Path,
+    pictures: Sequence[Path],
+    *,
+    updated: bool,
+    size: tuple[int, int],
 ) -> str:
     """Return the command to type next: a diagnosis of a calibration that lacks an effect; a new
     recording if the pictures are a recorded session's, and the calibration is not valid or was
     fitted to most of them; a fit of pictures that cannot be compared, or whose change has no name;
     otherwise a report. Pictures that are too few for a fit are recorded anew as well, and a board
     that is described in two ways is checked again.
+
+    Args:
+        size: width and height of the calibration's pictures, px, which a new recording has too.
     """
     if result.lacking and not updated:
         return shell_line("calib", "diagnose", calibration)
@@ -63,16 +71,17 @@ def next_command(
     session = sessions[0] if sessions else pictures[0]
     is_recorded = bool(sessions) and (session / "frames").is_dir()
     change = result.changes[0].name if result.changes else ""
+    mode = size if change == OTHER_MODE else None
     if change == OTHER_BOARD and result.statistics:
         return shell_line("calib", "check", calibration, *pictures)
     if not (is_recorded or updated) and (change in UNNAMED or result.statistics is None):
         if _count_pictures(pictures) >= MIN_BARE_POSES:
             return shell_line("calib", "fit", *pictures)
-        return _recording(session if session.is_dir() else session.parent)
+        return _recording(session if session.is_dir() else session.parent, mode)
     is_checked = result.status is CheckStatus.VALID and not result.is_known
     if updated or is_checked or not is_recorded:
         return shell_line("calib", "report", calibration)
-    return _recording(session)
+    return _recording(session, mode)
 
 
 def _count_pictures(places: Sequence[Path]) -> int:
@@ -85,11 +94,16 @@ def _count_pictures(places: Sequence[Path]) -> int:
     return count
 
 
-def _recording(session: Path) -> str:
-    """Return the command that records a session again, into a folder beside it."""
+def _recording(session: Path, mode: tuple[int, int] | None) -> str:
+    """Return the command that records a session again, into a folder beside it.
+
+    Args:
+        mode: width and height, px, if the pictures must have another size than they have.
+    """
     if not session.name.strip("."):  # "." and ".." are not names
         session = session.resolve()
-    return shell_line("capture", session.with_name(f"{session.name}-again"))
+    source = ("--source", "SOURCE?size={}x{}".format(*mode)) if mode else ()
+    return shell_line("capture", session.with_name(f"{session.name}-again"), *source)
 
 
 def with_own_verdict(result: CheckResult, calibration: Calibration) -> CheckResult:
@@ -174,11 +188,11 @@ def _test_reasons(statistics: CheckStatistics, result: CheckResult) -> Iterator[
 
 
 def error_words(statistics: CheckStatistics) -> str:
-    """Return the error, with that of a typical view where single views make the error larger than
-    what is allowed.
+    """Return the error, with that of a typical view, which decides, where only one of the two is
+    larger than what is allowed.
     """
     typical, error = statistics.typical_px, f"{statistics.error_px:.3f} px"
-    if typical < statistics.allowed_px < statistics.error_px:
+    if (typical < statistics.allowed_px) != (statistics.error_px < statistics.allowed_px):
         return f"{error}, but {typical:.3f} px in a typical one"
     return error
 

@@ -32,6 +32,8 @@ from calib.version import VERSION
 PLAIN = {"±": "+-", "µ": "u", "²": "^2", "°": " deg"}
 """Spellings in ASCII; other characters become escapes."""
 QUIET = "print no progress and no remarks"
+OUR_PACKAGES = ("calib", "capture")
+"""A module of these that is missing is a bug."""
 
 
 def run_command(
@@ -103,6 +105,10 @@ def run_command(
             return 2
         if "REFRACAL_TRACEBACK" in os.environ:
             traceback.print_exc()
+        if package := _missing_package(error):
+            advice = "activate the environment with Refracal (. .venv/bin/activate), or install it."
+            print_error(program, f"this Python has no package {package}: {advice}")
+            return 2
         bug = f"this is a bug in {program} ({type(error).__name__}: {brief(error)})"
         advice = "run it again with REFRACAL_TRACEBACK=1 and report what it prints."
         print_error(program, f"{bug}: {advice}")
@@ -115,6 +121,14 @@ def _silence_remarks() -> Iterator[None]:
     """A context in which nothing that is printed on stderr appears: progress bars and remarks."""
     with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stderr(nowhere):
         yield
+
+
+def _missing_package(error: Exception) -> str:
+    """Return the name of a package that this Python lacks; empty for any other error."""
+    if not isinstance(error, ModuleNotFoundError) or not error.name:
+        return ""
+    package = error.name.partition(".")[0]
+    return "" if package in OUR_PACKAGES else package
 
 
 def _check_current_folder() -> None:

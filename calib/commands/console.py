@@ -33,7 +33,7 @@ from calib.fitting.description import (
 )
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.guided_redetection import describe_redetection
-from calib.fitting.supported_depths import describe_trusted
+from calib.fitting.supported_depths import describe_supported
 from calib.fitting.view_noise import describe_noisy_views
 from calib.io.numerals import counted
 from calib.progress import Advance
@@ -42,10 +42,12 @@ from calib.table import board_error
 from calib.verdict.residual import asks_for_cover
 from calib.verdict.thresholds import NO_BETTER
 from calib.verdict.uncertainty import reached_depths
-from calib.verdict.verdict import Verdict
+from calib.verdict.verdict import Trust, Verdict
 
 AS_WELL = 1.2
 """The largest error of held-out views, over that of the fitted ones, that is called as good."""
+MUCH_LARGER = 10.0
+"""The error by the focal length alone, over that of the maps, that gets a sentence."""
 TITLE_WIDTH = 22
 REPEATED = ", again"
 """The words behind a title that repeats."""
@@ -111,15 +113,18 @@ def print_fit(calibration: Calibration, seconds: float, verdict: Verdict | None 
             cover.
     """
     verb = "may be" if verdict and asks_for_cover(verdict) else "is"
+    is_forbidden = verdict is not None and verdict.word is Trust.DO_NOT_USE
     console = Console()
     console.print(_stages(calibration.stages))
+    for line in _stage_legend(calibration.stages):
+        console.print(line, highlight=False, soft_wrap=True)
     print_description(console, calibration)
     corners = sum(view.count for view in calibration.views)
     noise = calibration.noise_px
     words = "unknown" if noise is None else f"about {noise:.3f} px"
     console.print(
-        f"{len(calibration.views)} views with {corners} corners, noise of the corners {words},"
-        f" fit in {seconds:.1f} s."
+        f"{counted(len(calibration.views), 'view')} with {corners} corners, noise of the corners"
+        f" {words}, fit in {seconds:.1f} s."
     )
     looks = describe_redetection(calibration.outcome.redetections or ())
     outliers = describe_outlier_corners(calibration.outcome.outlier_corners)
@@ -128,7 +133,7 @@ def print_fit(calibration: Calibration, seconds: float, verdict: Verdict | None 
     reach = filter(None, [undistortion_limit(calibration)])
     uncertainty = calibration.outcome.uncertainty
     for line in (
-        *_unseen_cover(calibration),
+        *([] if is_forbidden else _unseen_cover(calibration)),
         *view_lines,
         *_lens(calibration),
         *_prior(calibration),
@@ -136,8 +141,7 @@ def print_fit(calibration: Calibration, seconds: float, verdict: Verdict | None 
         *_turned_boards(calibration, verb),
         *filter(None, [describe_bend(calibration, verb)]),
         *filter(None, [uncertainty.heavy_sentence if uncertainty else ""]),
-        *_maps(calibration),
-        *reach,
+        *([] if is_forbidden else (*_maps(calibration), *reach)),
     ):
         console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
     if validation := calibration.outcome.cross_validation:
@@ -160,6 +164,12 @@ def _stages(stages: Sequence[Stage]) -> Table:
     return table
 
 
+def _stage_legend(stages: Sequence[Stage]) -> Iterator[str]:
+    """Yield the meaning of each stage, if there are several."""
+    if len(stages) > 1:
+        yield from (f"{stage.title}: {stage.meaning}." for stage in stages)
+
+
 def _maps(calibration: Calibration) -> Iterator[str]:
     """Yield a line on the standard deviation of the maps in the part of the picture where the board
     was.
@@ -176,8 +186,24 @@ def _maps(calibration: Calibration) -> Iterator[str]:
         described = describe_sigmas(sigmas, (min(reached), max(reached)))
         yield (
             "Expected error of the maps (sigma), in the part of the picture where the board was:"
-            f" {described}. The boards support maps for {describe_trusted(near, far)}."
+            f" {described}. {describe_supported(near, far)}"
         )
+        if focal_error(calibration) > MUCH_LARGER * max(sigmas.values()):
+            yield (
+                "Single numbers, such as camera.fx, are less certain than the maps: in the maps,"
+                " their errors cancel."
+            )
+
+
+def focal_error(calibration: Calibration) -> float:
+    """Return by how much the edge of the picture moves, in px, for one standard deviation of the
+    focal length, if no other number moves with it.
+    """
+    camera = calibration.camera
+    if not camera.intrinsics:
+        return 0.0
+    focal = camera.intrinsics.fx
+    return focal.sigma / focal.value * camera.width / 2
 
 
 def _lens(calibration: Calibration) -> Iterator[str]:
@@ -268,8 +294,9 @@ def print_evaluation(evaluation: Evaluation, fitted_px: float | None, *, wide: b
     console.print(f"{counted(count, 'view')}: only the {fitted}.")
     if fitted_px is not None:
         agrees = not evaluation.fitted_views and evaluation.rms_px <= AS_WELL * fitted_px
-        words = ": the held-out views fit as well" if agrees else ""
-        console.print(f"The error on the fitted views is {fitted_px:.3f} px{words}.")
+        words = ": the pictures that were not fitted fit equally well" if agrees else ""
+        line = f"The error on the fitted views is {fitted_px:.3f} px{words}."
+        console.print(line, soft_wrap=True)
     for view in evaluation.bad_views:
         line = (
             f"Does not fit: {view.file}: {view.rms_px:.3f} px, the other views"

@@ -134,10 +134,14 @@ def typed_intrinsics(text: str) -> list[object]:
         raise argparse.ArgumentTypeError(str(error).replace("%", "%%")) from error
 
 
-def has_cover_option(args: argparse.Namespace) -> bool:
-    """Return True if an option describes a cover."""
-    names = (f"{PREFIX}{option.replace('-', '_')}" for option in _kinds_by_option())
-    return args.cover is not None or any(getattr(args, name) is not None for name in names)
+def given_cover_options(args: argparse.Namespace) -> list[str]:
+    """Return the names, without dashes in front, of the given options that describe a cover."""
+    numbers = [
+        option
+        for option in _kinds_by_option()
+        if getattr(args, f"{PREFIX}{option.replace('-', '_')}") is not None
+    ]
+    return ["cover"] * (args.cover is not None) + numbers
 
 
 def cover_from_options(

@@ -5,6 +5,7 @@ that the options describe.
 import argparse
 import os
 import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,14 +18,14 @@ from calib.commands.cover_options import (
     cover_from_options,
     describe_medium,
     describe_usual,
-    has_cover_option,
+    given_cover_options,
     intrinsics_from_options,
 )
 from calib.commands.printing import print_remark
 from calib.errors import InputError
 from calib.io.numerals import counted
 from calib.io.shell import shell_path
-from calib.session.lens import LENSES
+from calib.session.lens import AUTO, LENSES, OPENCV
 
 if TYPE_CHECKING:
     from calib.corners.board_search import FoundBoard
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from calib.session.board import Board
     from calib.session.session import Session
 
+SECTIONS = ("format", "board", "camera", "cover")
+"""The keys of session.yaml that options describe, and its version."""
 SEARCHED_PICTURES = 8
 """Pictures, spread over all of them, in which a board is looked for."""
 NUMBERED_PICTURES = 4
@@ -66,7 +69,7 @@ COMMON = {
     "--radius": "inner radius; 40+-5 is 40 with a sigma of 5",
     "--distance": "window: from the lens to its inner face",
     "--thickness": "thickness of the glass",
-    "--index": "glass 1.52, acrylic 1.49",
+    "--index": "glass 1.52, acrylic 1.49 (default: 1.5+-0.02)",
     "--outside-index": "air 1, water 1.333",
     "--intrinsics": "the lens, or the file that OpenCV wrote",
     "--lens": "opencv, fisheye, splined, auto",
@@ -121,6 +124,8 @@ class DescribedSession:
     session: "Session"
     earlier: bytes | None = None
     """The session.yaml that the options replaced; None if they replaced none."""
+    file: Path | None = None
+    """The session.yaml that the command wrote; None if it wrote none."""
 
 
 def session_of(args: argparse.Namespace, progress: "Progress") -> DescribedSession:
@@ -130,14 +135,18 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> DescribedSessi
         InputError: the pictures need a description; the message has the command that gives it.
     """
     from calib.importing.picture_session import (
+        COMMAND,
         DESCRIPTION,
+        Description,
         check_replaceable,
         choose_pictures,
         describe_pictures,
         find_pictures,
     )
     from calib.io.files import read_file, reading
-    from calib.session.session import read_session
+    from calib.session.cover_section import read_cover
+    from calib.session.schema import Section
+    from calib.session.session import TARGET_KEY, read_session
 
     is_described = has_description(args)
     if len(args.session) == 1 and not is_described and _is_session(args.session[0]):
@@ -146,12 +155,19 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> DescribedSessi
     if source.is_described and not is_described:
         return DescribedSession(read_session(source.session))
     source = _in_writable_folder(choose_pictures(source, args.camera), args.output)
-    earlier = _earlier_sections(source)
+    document = _earlier_document(source)
+    earlier = _sections(document)
     cover = cover_from_options(args, earlier.get("cover"))
-    intrinsics = intrinsics_from_options(args)
+    if cover:
+        read_cover(Section({"cover": cover}, COMMAND).section("cover", "{shape: none}"))
+    _check_changeable(args, source)
     check_replaceable(source)
-    board = _board_of(args, source, earlier.get("board"), progress)
-    if board.has_grid and (width := 1e3 * board.width) < SMALL_BOARD_MM:
+    board = None
+    if TARGET_KEY in document:
+        _check_no_board(args, source)
+    else:
+        board = _board_of(args, source, earlier.get("board"), progress)
+    if board and (width := 1e3 * board.width) < SMALL_BOARD_MM:
         print_remark(SMALL_BOARD.format(board=board, width=width))
     if values := _earlier_values(args, earlier, cover):
         file = source.session / "session.yaml"
@@ -162,25 +178,58 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> DescribedSessi
     for sentence in filter(None, assumed if cover else ()):
         print_remark(sentence)
     cover = cover or dict(earlier.get("cover", {"shape": "none"}))
-    intrinsics = intrinsics or earlier.get("intrinsics")
-    lens = args.lens or _lens_of(earlier)
+    further = {key: value for key, value in document.items() if key not in SECTIONS}
+    description = Description(board, cover, _camera_of(args, earlier), further)
     file = source.session / DESCRIPTION
     with reading(file):  # another fit may have written it in the meantime
         replaced = read_file(file) if file.is_file() else None
-    for notice in describe_pictures(source, board, cover, intrinsics, lens, progress):
+    for notice in describe_pictures(source, description, progress):
         print_remark(notice)
-    return DescribedSession(read_session(source.session), replaced)
+    return DescribedSession(read_session(source.session), replaced, file)
 
 
 def has_description(args: argparse.Namespace) -> bool:
     """True if the options describe pictures, so that a session.yaml is written for them."""
     return bool(
-        has_cover_option(args)
+        given_cover_options(args)
         or args.intrinsics
         or args.lens
         or args.board
         or args.camera
         or _board_options(args)
+    )
+
+
+def _check_no_board(args: argparse.Namespace, source: "NamedPictures") -> None:
+    if options := [*(["board"] if args.board else []), *_board_options(args)]:
+        raise InputError(
+            f"{source.session} has a target of points, which is described with its points: leave"
+            f" out --{options[0].replace('_', '-')}."
+        )
+
+
+def _check_changeable(args: argparse.Namespace, source: "NamedPictures") -> None:
+    """Raise InputError if there is a session.yaml that Refracal did not write, or that has changed
+    since: options do not change it.
+    """
+    from calib.importing.picture_session import DESCRIPTION
+    from calib.io.output_folder import OutputFolder
+
+    file = source.session / DESCRIPTION
+    if not file.is_file() or file.is_symlink() or OutputFolder(source.session).owns(DESCRIPTION):
+        return
+    by_section = {
+        "board": [*(["board"] if args.board else []), *_board_options(args)],
+        "cover": given_cover_options(args),
+        "camera": [name for name in ("intrinsics", "lens") if getattr(args, name)],
+    }
+    options = [name for names in by_section.values() for name in names]
+    *first, last = [f"--{name.replace('_', '-')}" for name in options] or ["--camera"]
+    sections = " and ".join(name for name, names in by_section.items() if names)
+    set_there = f"set {sections} there, or " if sections else ""
+    raise InputError(
+        f"{file} is yours (Refracal did not write it, or it has changed since), so options do not"
+        f" change it: {set_there}leave out {', '.join(first)}{' and ' * bool(first)}{last}."
     )
 
 
@@ -247,17 +296,18 @@ def _in_writable_folder(source: "NamedPictures", output: Path | None) -> "NamedP
     return replace(source, session=output)
 
 
-def _earlier_sections(source: "NamedPictures") -> dict[str, dict[str, object]]:
-    """Return the sections board, cover, camera and its intrinsics of the session.yaml that is to be
-    replaced, those that are mappings; empty if there is none. Intrinsics are left out if they are
-    unknown.
-    """
+def _earlier_document(source: "NamedPictures") -> dict[str, object]:
+    """Return the session.yaml that is to be replaced; empty if there is none."""
     from calib.importing.picture_session import DESCRIPTION
     from calib.io.yaml_reader import read_yaml
 
-    if not source.is_described:
-        return {}
-    document = read_yaml(source.session / DESCRIPTION)
+    return dict(read_yaml(source.session / DESCRIPTION)) if source.is_described else {}
+
+
+def _sections(document: Mapping[str, object]) -> dict[str, dict[str, object]]:
+    """Return the sections board, cover, camera and its intrinsics of a session.yaml, those that are
+    mappings. Intrinsics are left out if they are unknown.
+    """
     camera = document.get("camera")
     sections = {
         "board": document.get("board"),
@@ -266,6 +316,20 @@ def _earlier_sections(source: "NamedPictures") -> dict[str, dict[str, object]]:
         "intrinsics": camera.get("intrinsics") if isinstance(camera, dict) else None,
     }
     return {name: value for name, value in sections.items() if isinstance(value, dict)}
+
+
+def _camera_of(
+    args: argparse.Namespace, earlier: dict[str, dict[str, object]]
+) -> dict[str, object]:
+    """Return the section `camera`: what the options say, and else what it said earlier."""
+    camera = dict(earlier.get("camera", {}))
+    if args.lens:
+        camera["lens"] = args.lens
+        if args.lens not in (OPENCV, AUTO):
+            camera.pop("lens_coefficients", None)
+    camera.pop("intrinsics", None)
+    intrinsics = intrinsics_from_options(args) or earlier.get("intrinsics")
+    return camera | ({"intrinsics": intrinsics} if intrinsics else {})
 
 
 def _lens_of(earlier: dict[str, dict[str, object]]) -> str:
@@ -348,9 +412,13 @@ def _words_without_board(args: argparse.Namespace) -> list[str]:
     return words
 
 
-def describe_search(finding: "FoundBoard", count: int) -> str:
-    """Return how many of the searched pictures show the board, of `count` pictures, in words."""
+def describe_search(finding: "FoundBoard", count: int | None) -> str:
+    """Return how many of the searched pictures show the board, of `count` pictures, in words; None:
+    they are frames of a video.
+    """
     searched = finding.searched
+    if count is None:
+        return f"{finding.pictures} of {counted(searched, 'frame')}"
     if searched == count:
         return f"{finding.pictures} of {counted(searched, 'picture')}"
     shown = (
@@ -388,12 +456,12 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
             + (
                 f"add {markers} to the command, or look at the pictures."
                 if markers
-                else f"describe it by calib fit {source.words} {EXAMPLE} (inner corners), with"
+                else f"describe it by `calib fit {source.words} {EXAMPLE}` (inner corners), with"
                 " --type where it has markers."
             )
         )
     kind = str(options.get("type", finding.kind))
-    count = len(source.pictures)
+    count = None if source.video else len(source.pictures)
     side = finding.side_key
     sentence = f"{finding.sentence} in {describe_search(finding, count)}."
     if (
@@ -416,7 +484,7 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
             reason = f"The side of a {cell} is --{cell}-mm: type"
         else:
             reason = f"{UNKNOWN_SIDE[finding.board.cell]}: measure one, and type"
-        raise InputError(f"{sentence} {reason} {command}.")
+        raise InputError(f"{sentence} {reason} `{command}`.")
     print_remark(sentence)
     scale = float(str(options[side]))
     return read_board(Section({**finding.to_yaml(scale), **options}, "The command line"))

@@ -8,9 +8,11 @@ from calib.commands.arguments import add_output, add_overwrite, calibration_file
 from calib.commands.effect_names import effects_help, registered_names
 from calib.commands.loading import fast_imports
 from calib.commands.parser import HELP_ALL
+from calib.io.result_names import DIAGNOSED
 
 SUMMARY = (
-    "Find effects that a calibration's model lacks, and add those that held-out views confirm."
+    "Find why the error is larger than the noise, such as a bent board, and correct it if pictures"
+    " that were not fitted confirm it."
 )
 DESCRIPTION = """
 The new folder gets the calibration with the accepted effects, and its report.html. The report shows
@@ -79,7 +81,7 @@ def run(args: argparse.Namespace) -> None:
 
     calibration = Calibration.load(args.calibration)
     holdout = held_out_session(args.holdout, calibration)[0] if args.holdout else None
-    output = args.output or check_no_link(folder_of(args.calibration) / "diagnosed")
+    output = args.output or check_no_link(folder_of(args.calibration) / DIAGNOSED)
     inputs = [*calibration_files(args.calibration), *(holdout.files if holdout else ())]
     with FileSet(output, overwrite=args.overwrite, inputs=inputs) as files:
         files.reserve([*FILES, NAME])

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 SUMMARY = "Write a calibration for other programs, as maps or as a central camera."
 DESCRIPTION = """
-Maps are exact at their depth. A central camera can only approximate a covered one: calib export
-fits it at each --depth, and states its misfit at that depth, at half of it and at double of it,
-both in the file and here.
+A map is exact at its depth. A central camera, whose rays meet in one point, only approximates a
+camera behind a cover. calib export fits one at each --depth. It prints the misfit at this depth, at
+half of it and at twice of it, and writes it into the file.
 """
 EXAMPLES = (
     "calib export cam0/calibration --format opencv --depth 1 -o maps",

@@ -22,7 +22,8 @@ DESCRIPTION = """
 SESSION is a folder with session.yaml and pictures, in frames/ or beside it. Or give pictures alone:
 a folder, files, a pattern such as 'photos/*.jpg', or a video. The options on board, cover and
 camera then describe them, and the command writes session.yaml. Without --board it looks for a board
-and says what it found.
+and says what it found. The options update a session.yaml that Refracal wrote. If you have edited
+it, change the values there.
 
 The folder of the results gets calibration.yaml with calibration.npz, the ray field, a map for every
 --depth, and report.html, which says whether to trust the result.
@@ -33,7 +34,7 @@ EXAMPLES = (
     "calib fit cam0 --depth 0.5 1",
 )
 COMMON = DESCRIPTIONS | {
-    "-o": "folder for the results: SESSION/calibration",
+    "-o": "results (default: SESSION/calibration)",
     "--depth": "distances of the scene that maps are for",
     "--effects": "auto: find causes of error, as diagnose does",
 }
@@ -131,6 +132,7 @@ def run(args: argparse.Namespace) -> None:
                 written.append(write_report(calibration, files, bars, depths, before=before))
         finally:  # if the report fails, the calibration is still written and printed
             removed = files.commit(instead_of=DERIVED)
+            written += [described.file] if described.file else []
             verdict = judge(calibration, depths=depths, folder=output, session=session.path)
             if args.json:
                 print_json(

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 SUMMARY = "Make a session folder from the pictures or corners of another program."
 DESCRIPTION = """
-The command never changes a folder that exists already. The new session has no cover: describe
-yours in its session.yaml.
+The command never changes a folder that exists already. The new session has no cover: add
+yours by options such as calib fit NEW --cover dome --radius 40.
 """
 WITH_BOARD = ("mrcal", "photonvision")
 """The sources that say themselves which board they show."""
@@ -197,7 +197,7 @@ def run(args: argparse.Namespace) -> None:
     for notice in (*draft.notices, *end):
         print_remark(notice)
     contents = counted(count, "view" if draft.views else "picture")
-    advice = f"calibrate it with calib fit {shell_path(args.output)}"
+    advice = f"calibrate it with `calib fit {shell_path(args.output)}`."
     print(harmless(f"{args.output} has {contents}: {advice}"))
 
 
@@ -223,8 +223,9 @@ def _run_rig(args: argparse.Namespace) -> None:
     print(
         harmless(
             f"{args.output} has the cameras {names} with {count} pictures or views: describe their"
-            f" covers in {args.output}/*/session.yaml, then calibrate with calib rig fit"
-            f" {shell_path(args.output)} -o {shell_path(args.output / 'calibration')}"
+            f" covers in {args.output}/*/session.yaml, then calibrate with"
+            f" `calib rig fit {shell_path(args.output)} -o"
+            f" {shell_path(args.output / 'calibration')}`."
         )
     )
 

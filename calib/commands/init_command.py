@@ -40,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="size of the pictures, px (default: that of most of them, or 1640x1232)",
     )
     add_overwrite(parser)
+    parser.usage = "%(prog)s SESSION [options]"
 
 
 def run(args: argparse.Namespace) -> None:

@@ -34,7 +34,11 @@ SURPLUS = "unrecognized arguments: "
 """The first words of argparse's message on arguments that belong to nothing."""
 HELP_ALL = "--help-all"
 """The option that explains every option of a command with many."""
-HELP_OPTIONS = {"--help": "explain these options", HELP_ALL: "explain every option"}
+HELP_OPTIONS = {
+    "--help": "show this help and exit",
+    HELP_ALL: "explain every option and exit",
+}
+"""The options that explain a command, with the same words in every help."""
 OPTION_WIDTH = 32
 """The column at which short explanations begin."""
 LONG_OPTION = re.compile(r"--[a-z][\w-]*", re.IGNORECASE)
@@ -99,11 +103,14 @@ class Parser(argparse.ArgumentParser):
             common_epilog: the last lines of --help, if `common` is given.
         """
         super().__init__(*args, **{"allow_abbrev": False, **settings})
+        for option in HELP_OPTIONS.keys() & self._option_string_actions.keys():
+            self._option_string_actions[option].help = HELP_OPTIONS[option]
+        self._positionals.title = "arguments"  # as the help of common options has it
         self._example = example
         self._common = common
         self._common_epilog = common_epilog
         if common:
-            self.add_argument(HELP_ALL, action=_HelpAll, help="explain every option, and exit")
+            self.add_argument(HELP_ALL, action=_HelpAll, help=HELP_OPTIONS[HELP_ALL])
 
     def format_help(self) -> str:
         """Return the help of the common options, or of all options if none is named common."""
@@ -128,7 +135,8 @@ class Parser(argparse.ArgumentParser):
                 if shown is None
             ]
             if names:
-                rare.append(f"  {group.title}:  {' '.join(names)}")
+                title = "general" if group is self._optionals else group.title
+                rare.append(f"  {title}:  {' '.join(names)}")
         formatter.start_section("common options" if rare else "options")
         formatter.add_arguments(explained)
         formatter.end_section()
@@ -147,7 +155,6 @@ class Parser(argparse.ArgumentParser):
         for option in action.option_strings or [str(action.metavar)]:
             if option in short:
                 shown = copy.copy(action)
-                shown.option_strings = [option] if action.option_strings else []
                 shown.help = short[option]
                 shown.metavar = action.metavar or (action.dest.upper() if action.choices else None)
                 return shown
@@ -323,6 +330,10 @@ class Help(argparse.HelpFormatter):
             )
             for paragraph in paragraphs
         )
+
+    def _split_lines(self, text: str, width: int) -> list[str]:
+        """Return the lines of an explanation. An option in it is not divided at its hyphens."""
+        return textwrap.wrap(" ".join(text.split()), width, break_on_hyphens=False)
 
     def _format_action(self, action: argparse.Action) -> str:
         if not (self._groups and isinstance(action, argparse._SubParsersAction)):

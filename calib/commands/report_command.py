@@ -104,8 +104,8 @@ def _check_writable(calibration: Path) -> None:
     except InputError as error:
         reason = error.__cause__.strerror if isinstance(error.__cause__, OSError) else "no space"
         raise InputError(
-            f"{folder} cannot be written ({reason}): write the report into another folder by calib"
-            f" report {shell_path(calibration)} -o report"
+            f"{folder} cannot be written ({reason}): write the report into another folder by"
+            f" `calib report {shell_path(calibration)} -o report`."
         ) from error
 
 

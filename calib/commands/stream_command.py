@@ -4,8 +4,15 @@ work: this module reaches up to it by its name.
 
 import argparse
 from importlib import import_module
+from pathlib import Path
 
-from calib.commands.arguments import add_calibration, add_crop, depth, positive_number
+from calib.commands.arguments import (
+    add_calibration,
+    add_crop,
+    check_depth_given,
+    depth,
+    positive_number,
+)
 
 WORK = "capture.commands.stream"
 """The module whose `run` does the work."""
@@ -21,10 +28,10 @@ the straight pictures go, and may be given several times.
   -                  stdout, for ffmpeg and GStreamer: y4m, or --pixels raw
   window             this terminal, with keys for depth, crop and scale
 
-The newest frame wins: a slow reader gets fewer pictures, never old ones. stderr says how old they
-are and how many were passed over. A camera that is unplugged is waited for. Ctrl-C ends the stream,
-and so does the reader of a pipe that closes it. With --json the last line is one object: on stdout,
-or on stderr if stdout has the pictures.
+A slow reader gets fewer pictures, never old ones: stderr says how old they are and how many were
+left out. If the camera is unplugged, the stream waits for it. Ctrl-C ends the stream, and so does
+a reader that closes its pipe. With --json the last line is one object: on stdout, or on stderr if
+stdout has the pictures.
 """
 EXAMPLES = (
     "calib stream out --source rpicam:0 --depth 0.5 --to http",
@@ -37,14 +44,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--source",
         required=True,
-        help="where frames come from; `capture sources` lists the cameras",
+        help="the camera, which `capture sources` lists, or a recording",
     )
     parser.add_argument(
         "--depth",
         type=depth,
-        required=True,
         metavar="METRES",
-        help="how far away the scene is, in metres",
+        help="how far away the scene is, in metres; with --depth-image, how far its unknown pixels"
+        " are",
+    )
+    parser.add_argument(
+        "--depth-image",
+        type=Path,
+        metavar="FILE",
+        help="a depth for each pixel: metres (npy, tiff) or 16-bit mm (png);"
+        " another program may replace it",
+    )
+    parser.add_argument(
+        "--near",
+        type=depth,
+        default=0.1,
+        metavar="METRES",
+        help="the smallest depth in the depth image (default: 0.1 m)",
     )
     parser.add_argument(
         "--to",
@@ -59,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive_number,
         default=1.0,
         metavar="S",
-        help="size of the pictures over the camera's, from 0.05 to 4 (default: 1)",
+        help="size over the camera's, from 0.05 to 4 (default: 1)",
     )
     parser.add_argument(
         "--pixels",
@@ -73,7 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive_number,
         default=30.0,
         metavar="N",
-        help="of --to -: frames a second, which the header of y4m states (default: 30)",
+        help="of --to -: frames a second in y4m's header (default: 30)",
     )
     parser.add_argument(
         "--host",
@@ -86,4 +107,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
+    check_depth_given(args)
     import_module(WORK).run(args)

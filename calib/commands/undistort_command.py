@@ -11,6 +11,7 @@ from calib.commands.arguments import (
     add_output,
     add_overwrite,
     calibration_files,
+    check_depth_given,
     check_order,
     depth,
     quoted,
@@ -112,11 +113,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.io.bag import is_bag
         from calib.io.patterns import expand
 
-    if args.depth is None and args.depth_image is None:
-        raise InputError(
-            "How far away is the scene? Write --depth 0.8 for one distance in metres, or"
-            " --depth-image FILE for a distance of each pixel."
-        )
+    check_depth_given(args)
     args.images = expand(args.images)
     bags = [path for path in args.images if is_bag(path)]
     if args.topic and not bags:

@@ -38,13 +38,12 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
         console.print(harmless(f"- {reason.sentence}"))
     for note in verdict.notes:
         console.print(harmless(f"Note: {note}"))
-    console.print(harmless(f"{verdict.next_label}: {runnable_command(verdict.next)}"))
-    commands: list[str] = []
-    if verdict.word is not Trust.DO_NOT_USE:
-        commands = [command for command in further if command != verdict.next]
-        for place, command in enumerate(commands):
-            console.print(harmless(f"{'     ' if place else 'Then:'} {runnable_command(command)}"))
-    if any(HOLDOUT in command.split() for command in (verdict.next, *commands)):
+    commands = verdict.labelled_commands(further)
+    labels = [label for label, _ in commands]
+    for place, (label, command) in enumerate(commands):
+        start = " " * len(f"{label}:") if label in labels[:place] else f"{label}:"
+        console.print(harmless(f"{start} {runnable_command(command)}"))
+    if any(HOLDOUT in command.split() for _, command in commands):
         is_rig = verdict.next.startswith("calib rig ")
         console.print(RIG_HOLDOUT_NOTE if is_rig else HOLDOUT_NOTE)
     if NEW_FILM in verdict.next.split():

@@ -120,9 +120,10 @@ def locate_corners(
     board_markers = select_board_markers(markers, board)
     if isinstance(board_markers, NotFound):
         return board_markers
-    if problem := _describe_misprint(board_markers, board, grey):
-        return NotFound(problem)
     corners = _locate_marker_corners(board_markers, board, grey)
+    problem = _describe_misprint(board_markers, board, grey)
+    if problem and not _has_declared_spacing(corners, board):
+        return NotFound(problem)
     if np.isfinite(corners[:, 0]).sum() < MIN_COUNT:
         return NotFound(f"hardly any corner of the {board} board can be seen: {MARKER_ADVICE}")
     if isinstance(board.coding, AprilGrid) and (
@@ -387,6 +388,16 @@ def refine_tag_outlines(markers: Markers, board: Board, grey: NDArray[np.uint8])
         refined, np.float64
     ).reshape(-1, 2)
     return corners
+
+
+def _has_declared_spacing(corners: Floats, board: Board) -> bool:
+    """Return True if the (count, 2) px corners show an AprilGrid with the declared spacing. The
+    outlines alone may be wrong: a threshold with a small window cuts off a part of a tag's border.
+    """
+    if not isinstance(board.coding, AprilGrid):
+        return False
+    spacing = measure_spacing(corners, board)
+    return spacing is not None and abs(spacing - board.coding.spacing) <= LOCATED_SPACING_TOLERANCE
 
 
 def _describe_other_spacing(

@@ -27,14 +27,28 @@ def split_copies(views: Sequence[View]) -> tuple[tuple[View, ...], tuple[Rejecte
     """Return the views, each picture once, and the copies: their corners are the same to the last
     bit.
     """
-    originals: dict[tuple[bytes, bytes], View] = {}
-    copies = []
+    groups: dict[tuple[bytes, bytes], list[View]] = {}
     for view in views:
-        first = originals.setdefault((view.corners.tobytes(), view.weight.tobytes()), view)
-        if first is not view:
-            reason = f"a copy of {first.name}, which counts once"
-            copies.append(RejectedPicture(view.name, reason))
-    return tuple(originals.values()), tuple(copies)
+        groups.setdefault((view.corners.tobytes(), view.weight.tobytes()), []).append(view)
+    originals = [_original(group) for group in groups.values()]
+    copies = [
+        RejectedPicture(view.name, f"a copy of {original.name}, which counts once")
+        for group, original in zip(groups.values(), originals, strict=True)
+        for view in group
+        if view is not original
+    ]
+    return tuple(originals), tuple(copies)
+
+
+def _original(group: Sequence[View]) -> View:
+    """Return the view whose name the other names extend, as IMG_1 (2).jpg extends IMG_1.jpg; the
+    first if there is none.
+    """
+    for view in group:
+        stem = view.name.rpartition(".")[0] or view.name
+        if all(copy.name.startswith(stem) for copy in group):
+            return view
+    return group[0]
 
 
 def count_fitted(views: Sequence[View], fitted_views: Sequence[View]) -> int:

@@ -27,7 +27,7 @@ from calib.corners.picture_scale import enlarge_corners, reduce_picture, reducin
 from calib.corners.saddle_grid import SaddleGrid, find_grid
 from calib.session.board import Board
 
-VERSION = 9
+VERSION = 10
 """Raise it with every change that moves corners: stored detections are then made again."""
 
 SEED = 0

@@ -170,7 +170,7 @@ class _Search:
         if other_sizes and (too_few or len(other_sizes) >= min(usable, len(self.results))):
             first = min(other_sizes)
             raise InputError(
-                f"{self.paths[first]} {other_sizes[first]}, and too few pictures have that size:"
+                f"{self.paths[first]} is {other_sizes[first]}, and too few pictures have that size:"
                 " correct camera.width and camera.height in session.yaml, or give the pictures of"
                 " this camera mode."
             )
@@ -347,7 +347,7 @@ class _Store:
         if not self._size or size == self._size:
             return None
         return OtherSize(
-            f"is {size[0]}x{size[1]} px where the camera's pictures are"
+            f"{size[0]}x{size[1]} px where the camera's pictures are"
             f" {self._size[0]}x{self._size[1]}"
         )
 

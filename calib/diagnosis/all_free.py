@@ -8,13 +8,11 @@ something; once a diagnosis has added that, they can be estimated.
 
 from dataclasses import replace
 
-import torch
-
 from calib.calibration import Calibration
 from calib.calibration_content import Declared
 from calib.errors import NotEnoughDataError
 from calib.fitting.fit_result import with_fit
-from calib.inference.calibration_model import full_model
+from calib.inference.calibration_model import fit_again, full_model
 from calib.session.freeing import ALL, AUTO, free_parameters
 from calib.threads import single_thread
 
@@ -26,7 +24,7 @@ def all_free(calibration: Calibration) -> Calibration:
         return calibration
     model, observations = full_model(freed), calibration.observations
     with single_thread():
-        joint = model.fit(observations, torch.from_numpy(calibration.poses))
+        joint = fit_again(freed, model)
     if not joint.finite:
         raise NotEnoughDataError(joint.outcome.value)
     return with_fit(freed, model, joint, observations)

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration, CalibrationSource
@@ -47,7 +46,12 @@ from calib.fitting.differing import Differing
 from calib.fitting.evaluate import Evaluation, evaluate
 from calib.fitting.fit_result import with_fit
 from calib.fitting.view_noise import describe_noisy_views
-from calib.inference.calibration_model import base_model, full_model, without_own_bend
+from calib.inference.calibration_model import (
+    base_model,
+    fit_again,
+    full_model,
+    without_own_bend,
+)
 from calib.inference.cross_validation import (
     FOLDS,
     MIN_CONFIRMING_VIEWS,
@@ -198,7 +202,7 @@ def _begin(
     observations = calibration.observations
     model = full_model(without_own_bend(calibration))
     report("fit")
-    base = ModelFit(model, model.fit(observations, torch.from_numpy(calibration.poses)))
+    base = ModelFit(model, fit_again(calibration, model))
     if not base.joint.finite:
         raise NotEnoughDataError(base.joint.outcome.value)
     poses = pose_labels(calibration.views)
@@ -330,7 +334,9 @@ def _unexplained(
 
 
 def _candidates(state: SearchState, accepted: tuple[str, ...]) -> list[Candidate]:
-    """Return every trial of the search as a candidate of the diagnosis."""
+    """Return every trial of the search as a candidate of the diagnosis: the accepted ones first, in
+    the order in which they were added.
+    """
     effects = {effect.name: effect for effect in state.model.effects}
     candidates = []
     for (name, form), trial in state.trials.items():
@@ -360,6 +366,8 @@ def _candidates(state: SearchState, accepted: tuple[str, ...]) -> list[Candidate
                 depth_bands_px=(bands.base_px, bands.extended_px) if bands else None,
             )
         )
+    order = {name: place for place, name in enumerate(accepted)}
+    candidates.sort(key=lambda c: order[c.effect] if c.accepted else len(order))
     return candidates
 
 

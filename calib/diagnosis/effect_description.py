@@ -17,13 +17,15 @@ from calib.fit_record.history import AcceptedEffect, EffectEstimate
 from calib.fitting.declared import comparisons, effect_comparisons
 from calib.inference.fitted_model import ModelFit
 from calib.inference.varying_numbers import first_after_step
+from calib.optics.board_polynomials import term_name
 from calib.optics.board_target import CENTRE, FLEX, FOCAL, MOTION, block_columns
+from calib.optics.flex_bend import FLEX_TERMS
 from calib.optics.params import Param
 
 NUMBERS_OF_VIEW = {
     FOCAL: (Param("focal", "", 1e-3),),
     CENTRE: (Param("cx", "px", 1.0), Param("cy", "px", 1.0)),
-    FLEX: tuple(Param(name, "m", 1e-3) for name in ("xx", "xy", "yy")),
+    FLEX: tuple(Param(term_name(term), "m", 1e-3) for term in FLEX_TERMS),
     MOTION: (
         *(Param(f"turn.{axis}", "rad", 1e-3) for axis in "xyz"),
         *(Param(f"move.{axis}", "m", 1e-3) for axis in "xyz"),

@@ -32,7 +32,7 @@ class ParameterEstimate:
 
 
 PLAIN = {
-    "absorbed": "the fit's own numbers imitate it",
+    "absorbed": "these views cannot tell it from fitted numbers",
     "not asked for": "no sign of it in the error",
     "not finite": "cannot be fitted",
     "not possible": "would have to be larger than is possible",

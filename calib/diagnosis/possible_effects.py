@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import torch
 
 from calib.effects.effect import EffectContext, PlaceOnGlass
@@ -15,6 +16,7 @@ from calib.fitting.stages import Setup
 from calib.optics.build import covered_path, with_relief
 from calib.optics.relief import AMPLITUDES, Relief
 from calib.session.camera import Intrinsics
+from calib.session.point_target import PointTarget
 from calib.session.schema import Number
 from calib.session.session import Session
 
@@ -23,6 +25,8 @@ ESTIMATED_INTRINSICS = Intrinsics(ESTIMATED, ESTIMATED, ESTIMATED, ESTIMATED)
 """A placeholder for intrinsics that the session does not give: all are estimated."""
 RELIEF = Relief((-1.0, -1.0), (1.0, 1.0), (2, 2))
 """A placeholder for the relief of the fit."""
+FLAT = PointTarget.of(np.zeros((1, 2)))
+"""A flat target, which can have effects that a target in space cannot."""
 
 
 def check_possible(session: Session, settings: Settings, names: Sequence[str]) -> None:
@@ -58,7 +62,9 @@ def check_possible(session: Session, settings: Settings, names: Sequence[str]) -
                 " and a global shutter" if camera.shutter and not camera.shutter.rolling else ""
             )
             setting = f"cover.shape: {session.cover.shape}{shutter}"
-            if name == ScreenGlass.name:
+            if not session.board.is_flat and kinds[name].propose(replace(context, board=FLAT)):
+                setting = "points that are not all in the plane z = 0"
+            elif name == ScreenGlass.name:
                 setting = "a printed board"
             raise InputError(
                 f"--effects {name}: with {setting} there can be no {name}: leave it out."

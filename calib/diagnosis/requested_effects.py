@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from calib.calibration import Calibration
 from calib.diagnosis.most_probable_form import with_most_probable
@@ -17,7 +16,7 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.fitting.fit_result import with_fit
-from calib.inference.calibration_model import full_model
+from calib.inference.calibration_model import fit_again, full_model
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import tuned_score_tests
@@ -42,7 +41,7 @@ def with_requested(
     advance = progress.task("Effects", len(names))
     with single_thread():
         model = full_model(calibration)
-        joint = model.fit(observations, torch.from_numpy(calibration.poses))
+        joint = fit_again(calibration, model)
         for done, name in enumerate(names, start=1):
             fitted = FittedModel(model, observations, joint)
             context = effect_context(

@@ -20,11 +20,15 @@ from calib.diagnosis.simpler_forms import simplified
 from calib.diagnosis.trial import MIN_GAIN, Trial, is_impossible
 from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS, FIELDS
+from calib.estimation.joint_fit import JointFit
 from calib.estimation.prior_conflict import largest_prior_conflict
+from calib.fitting.differing import Differing
 from calib.inference.cross_validation import held_out_gain, hold_out
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import ModelFit
+from calib.inference.media_of_views import LIKELY, fit_of_two_media, views_in_other_medium
 from calib.inference.score_test import ScoreTest, tuned_score_tests
+from calib.inference.varying_numbers import TWO, VariationKind
 from calib.inference.view_variation import MIN_GAIN as MIN_VARIATION_GAIN
 from calib.inference.view_variation import (
     largest_log_evidence,
@@ -74,20 +78,26 @@ def with_free_numbers(state: SearchState) -> SearchState:
 
     Held at values that are off by their tolerances, they leave an error that other effects imitate.
     """
-    free_base = state.problem.free_base
-    if not (free_base and state.model.effects):
+    freed = _numbers_freed(state) if state.model.effects else None
+    if not freed:
         return state
-    observations = state.problem.observations
-    model = free_base.with_effects(state.model.effects)
-    joint = model.fit(observations, state.joint.poses, state.joint.start)
     estimated = {param.name for param in state.model.parameters.free}
-    is_worse = joint.sigma > MAX_INCREASE * state.joint.sigma
-    if not joint.finite or is_worse or largest_prior_conflict(joint, estimated):
-        return state
+    is_worse = freed.joint.sigma > MAX_INCREASE * state.joint.sigma
+    return state if is_worse or largest_prior_conflict(freed.joint, estimated) else freed
+
+
+def _numbers_freed(state: SearchState) -> SearchState | None:
+    """Return the state with a fit of the declared numbers that it holds; None if it holds none, or
+    that fit is not finite.
+    """
+    free_base = state.problem.free_base
+    if not free_base:
+        return None
+    model = free_base.with_effects(state.model.effects)
+    joint = model.fit(state.problem.observations, state.joint.poses, state.joint.start)
     problem = replace(state.problem, base=free_base, free_base=None)
-    return replace(
-        state, problem=problem, evaluations=Evaluations(problem, ModelFit(model, joint), {})
-    )
+    evaluations = Evaluations(problem, ModelFit(model, joint), {})
+    return replace(state, problem=problem, evaluations=evaluations) if joint.finite else None
 
 
 def simplify(state: SearchState) -> SearchState:
@@ -142,27 +152,18 @@ def _add_effects(state: SearchState) -> SearchState:
 def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
     """Return the next effect to add.
 
-    Parameters of single views can imitate much. So they are tried only where they are what differs
-    from view to view (`Differing`), beside everything that all views share. The most probable of
-    them is tried, and those that may be meant as well: their fits decide. An effect that all views
-    share is not added if it only imitates what differs.
+    A number of each view's own can imitate almost any error. So it is tried only if it differs from
+    view to view (`Differing`). The most probable such number is fitted, and those that the views
+    hardly tell from it: the fits decide. An effect that all views share is not added if it only
+    imitates what differs.
     """
     shared = [kind for kind in EFFECTS if not kind.per_view]
     state, lowering = _lowering(*score(state, shared))
     state, best = _first_passing(state, lowering, lambda fit: fit.joint.log_evidence)
     if best and not _is_imitation(state, best) and _is_named(state, best):
         return state, best
-    cause: Trial | None = None
-    if differing := state.evaluations.differing:
-        _, context = state.problem.at_optimum(state.fit)
-        likely = [(v.gain, effect) for v in differing.likely for effect in v.effects(context)]
-        gains = {effect.name: gain for gain, effect in likely}
-        scored = _score(state, [effect for _, effect in likely])
-        state, lowering = _lowering(*scored, previous=len(shared))
-        state, probable = _more_probable(state, lowering)
-        causes = [replace(trial, log_odds=gains[trial.test.effect.name]) for trial in probable]
-        state, cause = _first_passing(state, causes, lambda fit: fit.joint.log_marginal)
-    if best or not (cause or state.problem.has_structure(state.fit)):
+    state, cause = _most_probable_cause(state, len(shared))
+    if not (cause or state.problem.has_structure(state.fit)):
         return state, cause
     lead = cause.fitted.joint.log_marginal - state.joint.log_marginal if cause else 0.0
     scored = score(state, FIELDS)
@@ -171,8 +172,43 @@ def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
     if cause:
         evidence = cause.fitted.joint.log_marginal
         fields = [field for field in fields if field.fitted.joint.log_marginal > evidence]
-    state, field = _first_passing(state, fields, lambda fit: fit.joint.log_marginal)
+    state, field = _first_passing(state, fields, _log_marginal)
     return state, field or cause
+
+
+def _most_probable_cause(state: SearchState, previous: int) -> tuple[SearchState, Trial | None]:
+    """Return the trial of what differs from view to view most probably, if held-out views confirm
+    it.
+
+    Args:
+        previous: the number of candidates before.
+    """
+    differing = state.evaluations.differing
+    if not differing:
+        return state, None
+    may_be_media = views_in_other_medium(state.fitted_model, LIKELY) is not None
+    if may_be_media and (freed := _numbers_freed(state)):
+        freed, media = _two_media(freed, differing, previous)
+        freed, cause = _first_passing(*_more_probable(freed, media), _log_marginal)
+        if cause:
+            return freed, cause
+    _, context = state.problem.at_optimum(state.fit)
+    state, media = _two_media(state, differing, previous)
+    gains = {trial.test.effect.name: trial.log_odds for trial in media}
+    effects: list[Effect] = []
+    for variation in differing.likely:
+        for effect in variation.effects(context):
+            gains[effect.name] = variation.gain
+            if not (media and variation.group.is_medium):
+                effects.append(effect)
+    state, lowering = _lowering(*_score(state, effects), previous=previous)
+    state, probable = _more_probable(state, lowering + media)
+    causes = [replace(trial, log_odds=gains[trial.test.effect.name]) for trial in probable]
+    return _first_passing(state, causes, _log_marginal)
+
+
+def _log_marginal(fit: ModelFit) -> float:
+    return fit.joint.log_marginal
 
 
 def _is_named(state: SearchState, trial: Trial) -> bool:
@@ -231,18 +267,44 @@ def _lowering(
     for test in unscored + promising[:MAX_FITS]:
         state, trial = _fit_trial(state, test, previous + len(tests))
         trials.append(trial)
-    return state, [
-        trial
-        for trial in trials
-        if trial.error_decrease > MIN_GAIN and not (trial.improbable or trial.impossible)
+    return state, list(filter(_lowers, trials))
+
+
+def _two_media(
+    state: SearchState, differing: Differing, previous: int
+) -> tuple[SearchState, list[Trial]]:
+    """Return the trial of some views in air and the others in water, if it lowers the error. That
+    is often too large a change to be seen in what differs around one fit to both.
+    """
+    divisions = [
+        variation.pattern > variation.pattern.mean()
+        for variation in differing.likely
+        if variation.kind in (VariationKind.STEP, *TWO)
     ]
+    previous += len(differing.likely)
+    fit = fit_of_two_media(state.fitted_model, divisions)
+    if not fit:
+        return state, []
+    state, tests = _score(state, fit.model.effects[-1:])
+    trials = []
+    for test in tests:
+        state, trial = _fit_trial(state, test, previous + 1, fit.joint)
+        trials.append(trial)
+    return state, list(filter(_lowers, trials))
 
 
-def _fit_trial(state: SearchState, test: ScoreTest, among: int) -> tuple[SearchState, Trial]:
-    """Fit a candidate to all views, roughly."""
+def _lowers(trial: Trial) -> bool:
+    """Return True if an effect is possible and lowers the error enough to hold views out."""
+    return trial.error_decrease > MIN_GAIN and not (trial.improbable or trial.impossible)
+
+
+def _fit_trial(
+    state: SearchState, test: ScoreTest, among: int, fit: JointFit | None = None
+) -> tuple[SearchState, Trial]:
+    """Fit a candidate to all views, roughly, if that is not done."""
     state.problem.report(f"trying {test.effect.name}")
     model = state.model.with_effect(test.effect)
-    joint = rough_fit(model, state.problem.observations, state.joint)
+    joint = fit or rough_fit(model, state.problem.observations, state.joint)
     error_decrease = -np.inf
     log_odds = -np.inf
     if joint.finite:

@@ -10,10 +10,11 @@ from calib.diagnosis.printed_patterns import ClosedForm, closed_forms
 from calib.diagnosis.search_state import SearchState
 from calib.diagnosis.separating_view import separating_view
 from calib.diagnosis.trial import ALPHA, MIN_GAIN, Trial
+from calib.effects.description import describe_media
 from calib.effects.effect import Effect, is_possible
 from calib.effects.fine_surface import FineSurface
 from calib.effects.free_field import FreeField
-from calib.effects.varying import VARYING_NUMBERS, WITH_TIME, CameraOfView, Varying
+from calib.effects.varying import WITH_TIME, CameraOfView, Varying
 from calib.fit_record.history import Family
 from calib.inference.effect_context import point_on_glass
 from calib.inference.fitted_model import FittedModel
@@ -89,13 +90,7 @@ def remarks(
             yield from map(str, formulas[:1])
     for effect in state.model.effects:
         if isinstance(effect, Varying | CameraOfView):
-            settled = isinstance(effect, Varying) and effect.settled
-            numbers = VARYING_NUMBERS[effect.name]
-            yield (
-                f"The maps are of {numbers} at the end of the session."
-                if settled
-                else f"The maps are of the mean of {numbers} over the views."
-            )
+            yield _state_of_maps(effect, state.fitted_model.observations.names)
     for effect in state.model.effects:
         if isinstance(effect, FineSurface) and isinstance(effect.relief, Bump):
             yield _describe_bump(state, effect.relief)
@@ -107,6 +102,15 @@ def remarks(
             f" {ORGANISER_WORDS[share.organised_by]}, where noise alone gives"
             f" {100 * share.chance:.0f} %: something there is not explained."
         )
+
+
+def _state_of_maps(effect: Varying | CameraOfView, views: Sequence[str]) -> str:
+    """Return a sentence that says which values of numbers that differ the maps have."""
+    if isinstance(effect, Varying) and effect.is_medium:
+        return describe_media(effect, views)
+    if isinstance(effect, Varying) and effect.settled:
+        return f"The maps are of {effect.plain_numbers} at the end of the session."
+    return f"The maps are of the mean of {effect.plain_numbers} over the views."
 
 
 def _describe_bump(state: SearchState, bump: Bump) -> str:
@@ -137,10 +141,10 @@ def _possible_candidates(state: SearchState) -> list[Effect]:
 def printed_forms(state: SearchState) -> list[ClosedForm]:
     """Return the closed forms that explain much of an accepted free field."""
     points = state.problem.board.points()
-    x, y = torch.from_numpy(points).unbind(-1)
     forms = []
     for effect in state.model.effects:
         if isinstance(effect, FreeField):
+            x, y = torch.from_numpy(points).unbind(-1)
             shift = effect.shift_corners(x, y, state.joint.values)
             shifts = torch.stack([shift.shift_x, shift.shift_y], -1).numpy()
             forms += closed_forms(points, shifts, state.problem.board.square)

@@ -15,8 +15,10 @@ from calib.optics.path import Path
 
 @dataclass(frozen=True, slots=True)
 class BoardFlex(ViewEffect):
-    """Three more parameters in every view: the bend xx (1 - u^2) + xy u v + yy (1 - v^2), which is
-    added to the shape that all views share.
+    """Twelve more parameters in every view: a bend in the terms of `board_shape` of degrees 2 to 4,
+    which is added to the shape that all views share.
+
+    The prior of a term falls with the square of its degree, as a sheet resists curvature.
     """
 
     half_x: float

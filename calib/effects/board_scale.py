@@ -15,8 +15,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.effects.board_polynomials import Term, monomials, powers, term_name, terms_of_degrees
 from calib.effects.effect import Effect, EffectContext, EffectParameter, select_form
+from calib.optics.board_polynomials import Term, monomials, powers, term_name, terms_of_degrees
 from calib.optics.board_target import PrintShift
 from calib.optics.linear_term import contract
 from calib.optics.params import Param, Values
@@ -59,7 +59,7 @@ class BoardScale(Effect):
 
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
-        return (cls(True, DEGREES[-1], context.board.half),)
+        return (cls(True, DEGREES[-1], context.board.half),) if context.board.is_flat else ()
 
     @property
     def effect_parameters(self) -> tuple[EffectParameter, ...]:

@@ -18,8 +18,16 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.effects.board_polynomials import Term, monomials, powers, term_name, terms_of_degrees
 from calib.effects.effect import Effect, EffectContext, EffectParameter, select_form
+from calib.optics.board_polynomials import (
+    Term,
+    bend_monomials,
+    bend_sigma,
+    bend_weights,
+    powers,
+    term_name,
+    terms_of_degrees,
+)
 from calib.optics.linear_term import contract, with_slopes
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
@@ -61,7 +69,7 @@ class BoardShape(Effect):
 
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
-        return (cls(*context.board.half, DEGREES[-1]),)
+        return (cls(*context.board.half, DEGREES[-1]),) if context.board.is_flat else ()
 
     @property
     def effect_parameters(self) -> tuple[EffectParameter, ...]:
@@ -94,7 +102,7 @@ class BoardShape(Effect):
         with torch.no_grad():
             (u, v), (inside_u, inside_v) = self._powers(x, y)
         sizes = torch.stack([values[name] for name in self.probes], -1)
-        table = (sizes @ _monomials(self._terms).to(sizes)).reshape(
+        table = (sizes @ bend_monomials(self._terms).to(sizes)).reshape(
             *sizes.shape[:-1], self.degree + 1, self.degree + 1
         )
         by_power = contract(u, table)
@@ -113,8 +121,7 @@ class BoardShape(Effect):
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
         """Return the weights of `LinearTerm`."""
         (u, v), _ = self._powers(x, y)
-        products = (u.unsqueeze(1) * v).flatten(0, 1).movedim(0, -1)
-        weights = products @ _monomials(self._terms).to(u).mT
+        weights = bend_weights(self._terms, u, v)
         return dict(zip(self.probes, torch.split(weights, 1, -1), strict=True))
 
     def _powers(self, x: Tensor, y: Tensor) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
@@ -129,17 +136,4 @@ class BoardShape(Effect):
 @cache
 def _parameter(term: Term) -> EffectParameter:
     parameter = EffectParameter.of(f"board_shape.{term_name(term)}", BOARD_SHAPE)
-    return replace(parameter, sigma=BOARD_SHAPE.sigma * (DEGREES[0] / sum(term)) ** 2)
-
-
-@cache
-def _monomials(terms: tuple[Term, ...]) -> Tensor:
-    """Return the (n, orders^2) coefficients of the products u^a v^b in each term. A dish is zero at
-    the edges; its mean is not zero.
-    """
-    table = monomials(terms)
-    for row, term in zip(table, terms, strict=True):
-        if term in ((2, 0), (0, 2)):
-            row[:] = 0.0
-            row[0, 0], row[term] = 1.0, -1.0
-    return torch.from_numpy(table).flatten(1)
+    return replace(parameter, sigma=bend_sigma(BOARD_SHAPE.sigma, term))

@@ -3,7 +3,9 @@
 from collections.abc import Iterator, Sequence
 
 from calib.effects.registry import KINDS
-from calib.effects.varying import MANNERS, VARYING_NUMBERS
+from calib.effects.varying import MANNERS, VARYING_NUMBERS, Varying
+from calib.io.exif import list_names
+from calib.session.shapes.layer import MEDIA, opposite_medium
 
 
 def describe_effect(name: str, varies: str | None = None) -> str:
@@ -15,6 +17,18 @@ def describe_effect(name: str, varies: str | None = None) -> str:
         return kind.description
     numbers = VARYING_NUMBERS[name]
     return f"{numbers[0].upper()}{numbers[1:]} {MANNERS[varies]}."
+
+
+def describe_media(effect: Varying, views: Sequence[str]) -> str:
+    """Return sentences that say which of the views of these names were taken in the other medium,
+    and which medium the maps are for.
+    """
+    names = [name for name, step in zip(views, effect.pattern, strict=True) if step]
+    stated = opposite_medium(MEDIA[effect.other_medium])
+    return (
+        f"{list_names(names)} {'were' if len(names) > 1 else 'was'} taken in"
+        f" {effect.other_medium}, the other pictures in {stated}. The maps are for {stated}."
+    )
 
 
 def number_legend(effect: str, numbers: Sequence[str]) -> Iterator[str]:

@@ -34,6 +34,8 @@ class FreeField(CosineField):
 
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
+        if not context.board.is_flat:
+            return ()
         x = context.board.half[0] + context.board.square / 2
         y = context.board.half[1] + context.board.square / 2
         return (cls((-x, -y), (x, y), cls.first_size, FIRST_KNEE),)

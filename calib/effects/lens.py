@@ -1,5 +1,5 @@
-"""The lens's distortion differs from the stated one: Brown's radial and tangential terms, from the
-distorted to the undistorted pixel.
+"""The distortion of the lens differs from the fitted one: Brown's radial and tangential terms, from
+the distorted to the undistorted pixel.
 
 Source: D. C. Brown, Close-range camera calibration (1971).
 """
@@ -29,7 +29,7 @@ class LensEffect(CameraEffect):
     """A shift of the pixels in front of the stated lens."""
 
     name: ClassVar[str] = "lens"
-    description: ClassVar[str] = "The lens's distortion differs from the stated one."
+    description: ClassVar[str] = "The distortion of the lens differs from the fitted one."
     is_sum: ClassVar[bool] = True
     about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = (

@@ -34,8 +34,9 @@ class ScreenGlass(Effect):
 
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:
-        """A target of points may be a screen; a printed board has nothing before its print."""
-        return () if context.board.has_grid else (cls(),)
+        """A flat target of points may be a screen; a printed board has nothing before its print."""
+        board = context.board
+        return (cls(),) if board.is_flat and not board.has_grid else ()
 
     @property
     def effect_parameters(self) -> tuple[EffectParameter, ...]:

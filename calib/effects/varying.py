@@ -22,7 +22,8 @@ from calib.optics.exposure import Exposure
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session import tolerances
-from calib.session.parameter_names import CAMERA, number_of
+from calib.session.parameter_names import CAMERA, COVER, number_of
+from calib.session.shapes.layer import AIR, MEDIA, WATER
 from calib.session.shapes.registry import find_dimension
 
 WITH_TIME, FROM_VIEW = "with_time", "from_view"
@@ -50,6 +51,8 @@ VARYING_NUMBERS: Mapping[str, str] = {
     "rolling_shutter": "the motion of the board while a picture is read out",
 }
 """Plain words for the numbers, by the name of the effect."""
+SURROUNDINGS = "what is outside the cover"
+"""Plain words for the index that differs if some views are in air and some in water."""
 FOCAL_LENGTH = "focal"
 """The number that stands for fx and fy, by the same fraction."""
 MIN_TURNED_PX = 2.0
@@ -75,6 +78,8 @@ def varying_number(name: str) -> EffectParameter:
         return EffectParameter.of(name, tolerances.PRINCIPAL_POINT, (name,))
     if name == RADIAL_CHANGE:
         return EffectParameter.of(name, tolerances.RADIAL)
+    if name == COVER.outside_index:
+        return EffectParameter.of(name, tolerances.MEDIA, (name,))
     dimension = find_dimension(number_of(name))
     if not (dimension and dimension.tolerance):
         raise LookupError(name)
@@ -112,6 +117,16 @@ class Varying(Effect):
         """True if the numbers are those after a change, False if they are those of the mean."""
         return max(self.pattern) <= 0 or min(self.pattern) >= 0
 
+    @property
+    def plain_numbers(self) -> str:
+        """Plain words for its numbers."""
+        return SURROUNDINGS if self.is_medium else VARYING_NUMBERS[self.name]
+
+    @property
+    def other_medium(self) -> str:
+        """The medium of the views whose pattern is not 0."""
+        return WATER if max(self.pattern) > 0 else AIR
+
     def is_half_turn(self, values: Values, width: int, height: int) -> bool:
         """Return True if a principal point changes to where a half turn of the pictures puts it.
 
@@ -129,12 +144,23 @@ class Varying(Effect):
         return size > MIN_TURNED_PX and float(away.abs().max()) < MIRRORED * size
 
     @property
+    def is_medium(self) -> bool:
+        """True if some views were taken in air and some in water. The pattern is 0 in the stated
+        medium; in the other one it is 1 in water or -1 in air.
+        """
+        return self.numbers == (COVER.outside_index,)
+
+    @property
     def effect_parameters(self) -> tuple[EffectParameter, ...]:
         """The deviations for a pattern of 1."""
-        return tuple(
+        parameters = tuple(
             replace(number, param=replace(number.param, name=self._name(number)), shifts=())
             for number in map(varying_number, self.numbers)
         )
+        if self.is_medium:
+            start, sigma = MEDIA[WATER] - MEDIA[AIR], tolerances.WATER_OVER_AIR.sigma
+            return tuple(replace(number, start=start, sigma=sigma) for number in parameters)
+        return parameters
 
     @property
     def params(self) -> tuple[Param, ...]:
@@ -168,6 +194,11 @@ class Varying(Effect):
 @dataclass(frozen=True, slots=True)
 class CameraOfView(ViewEffect):
     """Every view has numbers of the camera of its own."""
+
+    @property
+    def plain_numbers(self) -> str:
+        """Plain words for its numbers."""
+        return VARYING_NUMBERS[self.name]
 
     @classmethod
     def propose(cls, context: EffectContext) -> tuple[Self, ...]:

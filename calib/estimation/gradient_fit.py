@@ -79,13 +79,13 @@ def _loss(
     rays = Path(path.lens, tuple[Interface, ...](inner)).trace(
         observations.pixels, values, observations.exposure
     )
-    placements = Placement.of(poses)[observations.view]
+    corners, planes = path.planes(observations.corners, Placement.of(poses)[observations.view])
 
     def loss(amplitudes: Tensor) -> Tensor:
         landed, failure = path.target(
-            outer(rays, {**values, "relief.amplitudes": amplitudes}), placements, values
+            outer(rays, {**values, "relief.amplitudes": amplitudes}), planes, values
         )
-        squared = ((landed - observations.corners) ** 2).sum(-1) * observations.weight**2
+        squared = ((landed - corners) ** 2).sum(-1) * observations.weight**2
         return torch.where(failure == 0, squared, torch.zeros_like(squared)).sum()
 
     return loss

@@ -22,6 +22,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE, Priors
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
+from calib.estimation.residuals import reach_board
 from calib.estimation.surface_prior import (
     MarginalLikelihood,
     Quadratic,
@@ -163,10 +164,7 @@ def fit_joint(
     # A corner whose ray does not get through the cover at the start carries no information. It must
     # not make every step impossible.
     initial = start.values if start else values
-    _, failure = path.land(
-        observations.pixels, initial, poses[observations.view], observations.exposure
-    )
-    observations = observations.select_rows(failure == 0)
+    observations = observations.select_rows(reach_board(path, initial, observations, poses))
     parameters = Parameters.of(path, values, priors)
     sigma = start.sigma if start else FIRST_SIGMA
     smoothness = ((start and start.smoothness) or UNEVEN_GLASS) if path.relief else None

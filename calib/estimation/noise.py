@@ -94,9 +94,9 @@ def noise_of_views(
     thirds of a view's degrees of freedom: a missing effect can be a hundred times the noise in some
     views, and curved enough to contribute to the differences.
     """
-    views = _second_differences(
-        np.stack([_without_polynomial(view, board) for view in residuals]), board
-    )
+    if board.has_grid:
+        residuals = np.stack([_without_polynomial(view, board) for view in residuals])
+    views = _second_differences(residuals, board)
     noise = np.array([_robust_noise(view) for view in views], dtype=np.float64)  # NaN for None
     return noise, SPREAD / np.sqrt(np.maximum(np.isfinite(views).sum(1), 1))
 

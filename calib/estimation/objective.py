@@ -16,7 +16,9 @@ from calib.estimation.levenberg_marquardt import RowLinearised
 from calib.estimation.normal_equations import LinearisedBlocks
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ResidualBlock
+from calib.optics.board_polynomials import bend_sigma
 from calib.optics.board_target import CENTRE, FLEX, FOCAL, MOTION, POSE, blocks_of_size
+from calib.optics.flex_bend import FLEX_TERMS
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.session import tolerances
@@ -34,7 +36,7 @@ def view_precision(path: Path, blocks: Tensor) -> Tensor:
     sigmas = {
         POSE: [math.inf] * 6,
         MOTION: [tolerances.BOARD_SPIN.sigma] * 3 + [tolerances.BOARD_MOVE.sigma] * 3,
-        FLEX: [tolerances.BOARD_FLEX.sigma] * 3,
+        FLEX: [bend_sigma(tolerances.BOARD_FLEX.sigma, term) for term in FLEX_TERMS],
         FOCAL: [tolerances.FOCAL.sigma],
         CENTRE: [tolerances.PRINCIPAL_POINT.sigma] * 2,
     }

@@ -22,7 +22,7 @@ class Observations:
     pixels: Tensor
     """(M, 2) px, the detected position of each corner."""
     corners: Tensor
-    """(M, 2) m, its position on the board."""
+    """(M, 2) m, its position on a flat board, or (M, 3) m on a target that is not flat."""
     weight: Tensor
     """(M,) at most 1: the factor on the residual."""
     starts: Tensor
@@ -50,7 +50,7 @@ class Observations:
         return Observations(
             names=tuple(view.name for view in views),
             pixels=_concatenate(pixels, (0, 2)),
-            corners=_concatenate([points[mask] for mask in masks], (0, 2)),
+            corners=_concatenate([points[mask] for mask in masks], (0, points.shape[1])),
             weight=_concatenate(weights, (0,)),
             starts=torch.tensor(np.cumsum(counts)),
             whitening=_concatenate(whitenings, (0, 2, 2)) if whitenings else None,

@@ -13,7 +13,7 @@ from calib.estimation.objective import HUBER, LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
-from calib.estimation.residuals import Residuals, residuals
+from calib.estimation.residuals import Residuals, reach_board, residuals
 from calib.optics.lens_model import COEFFICIENTS
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -89,10 +89,7 @@ def refine_poses_in_image(
     """Refine each view's pose to the least reprojection error, robust against single bad corners
     beyond three times sigma (px); otherwise like `refine_poses`.
     """
-    _, failure = path.land(
-        observations.pixels, values, poses[observations.view], observations.exposure
-    )
-    observations = observations.select_rows(failure == 0)
+    observations = observations.select_rows(reach_board(path, values, observations, poses))
     return _refine(
         path,
         values,
@@ -164,7 +161,7 @@ def rough_poses(path: Path, values: Values, observations: Observations) -> Tenso
 def _pnp_by_rays(
     corners: NDArray[np.float64], directions: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the (6,) T_camera_board of (n, 2) m corners on the board seen in (n, 3) unit
+    """Return the (6,) T_camera_board of (n, 2 or 3) m corners on the board seen in (n, 3) unit
     directions, NaN where there is no ray; NaN if there is no pose.
     """
     valid = np.isfinite(directions).all(-1)
@@ -202,10 +199,12 @@ def _pnp(
 ) -> NDArray[np.float64]:
     if len(corners) < 4:
         return np.full(6, np.nan)
-    points = np.column_stack([corners, np.zeros(len(corners))])
+    is_flat = corners.shape[1] == 2
+    points = np.pad(corners, ((0, 0), (0, 3 - corners.shape[1])))
+    method = cv2.SOLVEPNP_IPPE if is_flat else cv2.SOLVEPNP_SQPNP
     try:
         success, rotvec, translation = cv2.solvePnP(
-            points, pixels, camera, coefficients, flags=cv2.SOLVEPNP_IPPE
+            points, pixels, camera, coefficients, flags=method
         )
         if not success:
             return np.full(6, np.nan)
@@ -215,4 +214,5 @@ def _pnp(
     except cv2.error:  # corners on one line, or nowhere near a plane
         return np.full(6, np.nan)
     pose = np.concatenate([np.ravel(rotvec), np.ravel(translation)]).astype(np.float64)
-    return pose if np.isfinite(pose).all() and pose[5] > 0 else np.full(6, np.nan)
+    depth = pose[5] if is_flat else (cv2.Rodrigues(pose[:3])[0] @ points.mean(0) + pose[3:])[2]
+    return pose if np.isfinite(pose).all() and depth > 0 else np.full(6, np.nan)

@@ -84,10 +84,11 @@ class ResidualBlock:
         """Return the (M, 2) residuals of rays for (V, B) view parameters, and (M,) true where the
         ray lands.
         """
-        observations = self.observations
-        placement = Placement.of(poses)[observations.view].at_exposure(observations.exposure)
-        landed, failure = self.path.target(rays, placement, values)
-        return self._residuals(landed), failure == 0
+        corners, planes = self.path.planes(
+            self.observations.corners, self._placement_of_rows(Placement.of(poses))
+        )
+        landed, failure = self.path.target(rays, planes, values)
+        return self._residuals(landed - corners), failure == 0
 
     def residual_with_jacobian(
         self, rays: Rays, values: Values, poses: Tensor
@@ -100,13 +101,13 @@ class ResidualBlock:
             trace = self._trace(values, poses, frozenset())
             rays = trace.rays
         placement = Placement.of(poses)
-        landed, failure, landing = self.path.target.land(
-            rays, self._placement_of_rows(placement), values
-        )
-        by_rays, by_placement, _ = landing.pull(self._by_landed)
+        boards = self._placement_of_rows(placement)
+        corners, planes = self.path.planes(self.observations.corners, boards)
+        landed, failure, landing = self.path.target.land(rays, planes, values)
+        by_rays, by_plane, _ = landing.pull(self._by_landed)
         by_own = trace.pull(by_rays)[OWN] if trace else None
-        jacobian = self._view_jacobian(by_placement, by_own, placement, poses)
-        return self._residuals(landed), jacobian, failure == 0
+        jacobian = self._view_jacobian(by_plane.of_board(planes, boards), by_own, placement, poses)
+        return self._residuals(landed - corners), jacobian, failure == 0
 
     def linearise(self, values: Values, poses: Tensor, huber: float = math.inf) -> LinearisedBlocks:
         """Return the residuals and their Jacobian by the view parameters and by the shared
@@ -117,13 +118,14 @@ class ResidualBlock:
         names = frozenset(self.parameters.slices())
         trace = self._trace(values, poses, names)
         placement = Placement.of(poses)
-        landed, _, landing = self.path.target.land(
-            trace.rays, self._placement_of_rows(placement), values
-        )
-        residual = self._residuals(landed)
+        boards = self._placement_of_rows(placement)
+        corners, planes = self.path.planes(observations.corners, boards)
+        landed, _, landing = self.path.target.land(trace.rays, planes, values)
+        residual = self._residuals(landed - corners)
         robust = (huber / residual.norm(dim=-1, keepdim=True)).clamp_max(1.0).sqrt()
-        by_rays, by_placement, by_board = landing.pull(self._by_landed * robust, names)
+        by_rays, by_plane, by_board = landing.pull(self._by_landed * robust, names)
         by = trace.pull(by_rays)
+        by_placement = by_plane.of_board(planes, boards)
         jacobian = self._view_jacobian(by_placement, by.get(OWN), placement, poses)
         terms = self.path.linear_terms(observations.pixels, values, observations.exposure, landing)
         columns = shared_columns(self.path, self.parameters, by | by_board, trace, terms, 2)
@@ -178,8 +180,8 @@ class ResidualBlock:
         columns += [extra for extra in (by.flex, by_own) if extra is not None]
         return torch.cat([column.transpose(0, 1) for column in columns], -1)
 
-    def _residuals(self, landed: Tensor) -> Tensor:
-        return (self.weights @ (landed - self.observations.corners).unsqueeze(-1)).squeeze(-1)
+    def _residuals(self, offset: Tensor) -> Tensor:
+        return (self.weights @ offset.unsqueeze(-1)).squeeze(-1)
 
 
 def _rows_times(rows: Tensor, matrices: Tensor) -> Tensor:
@@ -252,8 +254,9 @@ def pixel_weights(
         frozenset(),
         cameras=cameras[0][observations.view] if cameras else None,
     )
-    placement = Placement.of(poses)[observations.view].at_exposure(observations.exposure)
-    landed, _, landing = path.target.land(trace.rays, placement, values)
+    boards = Placement.of(poses)[observations.view].at_exposure(observations.exposure)
+    planes = path.planes(observations.corners, boards)[1]
+    landed, _, landing = path.target.land(trace.rays, planes, values)
     identity = torch.eye(2).to(landed)[:, None].expand(2, *landed.shape)
     jacobian = trace.pull(landing.pull(identity)[0])[PIXELS].transpose(0, 1)
     weights: Tensor = (

@@ -25,7 +25,7 @@ class Residuals:
     """
     board: Tensor
     """(M, 2) m: the point where the detected pixel's ray lands on the board, minus the corner (the
-    paper's equation 2).
+    paper's equation 2). If the target is not flat, in a plane that faces the camera.
     """
 
     @property
@@ -50,12 +50,10 @@ def residuals(path: Path, values: Values, observations: Observations, poses: Ten
     """Return the residuals of all corners, with the boards at (V, 6) poses."""
     row_poses = poses[observations.view]
     exposure = observations.exposure
-    landed, failure = path.land(observations.pixels, values, row_poses, exposure)
-    board = torch.where(
-        (failure != 0).unsqueeze(-1),
-        torch.full_like(landed, torch.nan),
-        landed - observations.corners,
+    offset, failure = path.land_beside(
+        observations.corners, observations.pixels, values, row_poses, exposure
     )
+    board = torch.where((failure != 0).unsqueeze(-1), torch.full_like(offset, torch.nan), offset)
     values_of_rows = path.values_of_views(values, row_poses)
     rays = None
     if path.target.glass:
@@ -63,6 +61,18 @@ def residuals(path: Path, values: Values, observations: Observations, poses: Ten
     points = path.place(observations.corners, values, row_poses, exposure, rays)
     projected = project(path, values_of_rows, points, exposure, start=observations.pixels)
     return Residuals(projected - observations.pixels, board)
+
+
+def reach_board(path: Path, values: Values, observations: Observations, poses: Tensor) -> Tensor:
+    """Return (M,) true where a corner's ray reaches the board, with boards at (V, B) poses."""
+    failure = path.land_beside(
+        observations.corners,
+        observations.pixels,
+        values,
+        poses[observations.view],
+        observations.exposure,
+    )[1]
+    return failure == 0
 
 
 def _rms(errors: Tensor) -> float:

@@ -17,6 +17,7 @@ from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
+from calib.estimation.residuals import reach_board
 from calib.estimation.surface_prior import MIN_HEIGHT, Smoothness, maximise_evidence
 from calib.optics.build import with_relief
 from calib.optics.relief import AMPLITUDES, Relief
@@ -36,10 +37,7 @@ def uneven_log_odds(
     path = with_relief(model.path, relief)
     flat = {AMPLITUDES: torch.zeros(relief.grid, dtype=torch.float64)}
     values = {**joint.values, **flat}
-    _, failure = path.land(
-        observations.pixels, values, joint.poses[observations.view], observations.exposure
-    )
-    observations = observations.select_rows(failure == 0)
+    observations = observations.select_rows(reach_board(path, values, observations, joint.poses))
     parameters = Parameters.of(path, {**model.means, **flat}, model.priors)
     shared = parameters.vector(values)
     weights = pixel_weights(path, values, observations, joint.poses, joint.sigma)

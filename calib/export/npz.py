@@ -75,7 +75,7 @@ def read_field(path: Path) -> RayField:
         ):
             raise InputError(
                 f"{path} was made from another calibration than the one beside it: write it again"
-                " by calib export."
+                " by `calib export`."
             )
         return RayField(int(file["width"]), int(file["height"]), *(file[name] for name in ARRAYS))
 

@@ -184,8 +184,9 @@ def check_arrays(
     if (blurs := arrays.get("blurs")) is not None:
         shapes["blurs"] = (views, board.count, 2)
     if not board.has_grid:
-        shapes["target"] = (board.count, 2)
-        shapes["point_covariances"] = (views, board.count, 2, 2)
+        shapes["target"] = board.points().shape
+        if "point_covariances" in arrays:
+            shapes["point_covariances"] = (views, board.count, 2, 2)
     for name, shape in shapes.items():
         array = arrays[name]
         if array.shape != shape or array.dtype != np.float64:
@@ -209,7 +210,7 @@ def check_arrays(
         or not (np.abs(arrays["corners"][visible]) < MAX_NUMBER).all()
     ):
         raise ValueError("corners that were seen are not all somewhere, or a view has none")
-    if not board.has_grid:
+    if "point_covariances" in shapes:
         covariances = arrays["point_covariances"][visible]
         if not np.isfinite(covariances).all() or (np.linalg.eigvalsh(covariances) <= 0).any():
             raise ValueError("point_covariances are not all covariances")

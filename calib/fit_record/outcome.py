@@ -119,10 +119,11 @@ class Uncertainty:
         shares = [f"{name} ({100 * share:.0f} %)" for name, share in self.heavy_views.items()]
         if not shares:
             return ""
+        listed = " and ".join(filter(None, [", ".join(shares[:-1]), shares[-1]]))
         these = "this" if len(shares) == 1 else "these"
         return (
-            f"Much of the result comes from {', '.join(shares)}: more pictures like {these} would"
-            " make it safer."
+            f"Much of the result comes from {listed}: more pictures like {these} would make it"
+            " safer."
         )
 
 
@@ -143,7 +144,11 @@ class FitOutcome:
     """
     shape_camera_sigma: Mapping[str, float] | None = None
     """px: the standard deviation of fx, fy, cx and cy that the shapes which explain the views as
-    well have together; None if there is one shape.
+    well have together, or uneven glass and `rival_lens`; None if there is one explanation.
+    """
+    rival_lens: Mapping[str, float] | None = None
+    """px: fx, fy, cx and cy of another lens with which even glass explains the views about as well
+    as uneven glass and the declared lens; None if there is none.
     """
     medium_log_odds: Mapping[str, float] | None = None
     """The log odds of air and of water outside of the cover, where other numbers are unknown; None

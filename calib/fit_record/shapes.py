@@ -43,6 +43,7 @@ RECORD: Mapping[str, Shape] = {
     "shape_log_odds": table(number),
     "shape_map_changes_px": table(number),
     "shape_camera_sigma": table(number),
+    "rival_lens": table(number),
     "medium_log_odds": table(number),
     "lens_held_out_px": table(number),
     "turned_boards": many(text),

@@ -15,11 +15,14 @@ def has_same_corners(board: Board, fitted: Board) -> bool:
 
 def describe_difference(board: Board, fitted: Board, place: str) -> str:
     """Return a clause on a board that has other columns, rows or squares than the calibration's;
-    empty for the same board and for targets of points.
+    empty for the same board and for targets of points, unless the calibration's alone is flat: it
+    may be bent, which means nothing for other points.
 
     Args:
         place: the words for where the board is, such as "in these pictures".
     """
+    if fitted.is_flat and not board.is_flat:
+        return f"the target is flat in the calibration, and not {place}"
     if not (board.has_grid and fitted.has_grid):
         return ""
     if not has_same_corners(board, fitted):

@@ -39,6 +39,8 @@ MIN_CORRECTION = 3.0
 
 DECLARED, BARE, VIEWS = "declared", "found in bare/", "found by the views alone"
 """The sources of a number's prior."""
+ANY_SHAPE, EITHER_LENS = "any shape", "either lens"
+"""Words for a sigma over several explanations of the views."""
 SOURCES = {"bare": BARE, "views": VIEWS}
 """The source of intrinsics by `intrinsics_from` of the outcome; all other numbers are declared."""
 
@@ -66,8 +68,10 @@ class Comparison:
     """Factor from the SI unit to `unit`."""
     unknown: bool = False
     """True if nobody knows the number: `declared` and `tolerance` are its wide prior."""
-    of_any_shape: bool = False
-    """True if `sigma` is for any of the cover's shapes that explain the views as well."""
+    alternatives: str = ""
+    """ANY_SHAPE if `sigma` is for all of the cover's shapes that explain the views as well,
+    EITHER_LENS if it is for two lenses; empty if there is one explanation.
+    """
 
     @property
     def held(self) -> bool:
@@ -159,11 +163,13 @@ def comparisons(calibration: Calibration) -> Iterator[Comparison]:
     increments = {
         name: scalar for scalar in _scalars(calibration) for name in scalar.parameter.shifts
     }
-    shapes = calibration.outcome.shape_camera_sigma or {}
+    outcome = calibration.outcome
+    shapes = outcome.shape_camera_sigma or {}
+    alternatives = EITHER_LENS if outcome.rival_lens else ANY_SHAPE
     for row in _declared(calibration):
         number = increments[row.name].add_to(row) if row.name in increments else row
         if (sigma := shapes.get(number.name, 0.0)) > number.sigma:
-            number = replace(number, sigma=sigma, of_any_shape=True)
+            number = replace(number, sigma=sigma, alternatives=alternatives)
         yield number
 
 

@@ -18,7 +18,9 @@ from calib.fitting.corner_range import (
     emptiest_region,
 )
 from calib.fitting.declared import (
+    ANY_SHAPE,
     DECLARED,
+    EITHER_LENS,
     VIEWS,
     Comparison,
     comparisons,
@@ -40,26 +42,24 @@ declared one.
 """
 NOT_FITTED, CORRECTED, UNDETERMINED = "not fitted", "corrected", "not determined"
 CONTRADICTED, NOT_IMPROVED = "contradicted", "not improved"
-ANY_SHAPE, VAGUE = "any shape", "hardly known"
+VAGUE = "hardly known"
 MAX_VAGUENESS = 0.05
 """The largest sigma of a focal length, relative to it, that gets no mark."""
 NOTES = {
     NOT_FITTED: "kept at the value that you gave, or at the default.",
     CORRECTED: (
-        "the pictures give another value, 3 of its sigmas away or more, which your tolerance"
-        " allows."
+        "the pictures give another value, by 3 of its own sigmas or more. Your tolerance allows it."
     ),
-    NOT_IMPROVED: "these pictures do not narrow your tolerance.",
+    NOT_IMPROVED: "these pictures do not narrow the tolerance, yours or the default.",
     UNDETERMINED: "you gave no value, and these pictures do not determine it.",
     CONTRADICTED: "the pictures do not agree with the declared number.",
     ANY_SHAPE: "sigma is for all shapes of the cover that fit these pictures.",
+    EITHER_LENS: "sigma is for both lenses that fit these pictures; a note names the other one.",
     VAGUE: "tilted boards, near and far, would measure it.",
 }
 """The explanations of the words in the fourth column."""
 HELD_AS_ASKED = "None was fitted, as you asked."
-HELD_BY_FIT = (
-    "None was fitted: when they are estimated, some leave their tolerances, so your values stand."
-)
+HELD_BY_FIT = "None was fitted: some estimates would leave their tolerances, so your values stand."
 MAX_UNIMPROVED = 0.9
 """The largest difference from the declared number, in tolerances, of one that is not improved: two
 standard deviations of an estimate that leaves 0.9 of the tolerance, 0.44 each.
@@ -242,8 +242,8 @@ def _shape_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
 def _note(number: Comparison) -> str:
     if number.held:
         return NOT_FITTED
-    if number.of_any_shape:
-        return ANY_SHAPE
+    if number.alternatives:
+        return number.alternatives
     words = CORRECTED if number.corrected else ""
     if number.is_open:
         words = UNDETERMINED

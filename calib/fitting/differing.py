@@ -18,7 +18,7 @@ from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.free_field import FreeField
 from calib.effects.lens import LensEffect
 from calib.effects.lens_field import LensField
-from calib.effects.varying import VARYING_NUMBERS
+from calib.effects.varying import SURROUNDINGS, VARYING_NUMBERS
 from calib.fitting.declared import PREFIXES
 from calib.inference.fitted_model import FittedModel
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
@@ -163,7 +163,7 @@ class Differing:
                 "something differs from view to view, and no number of the camera, the cover or the"
                 f" board explains it: {advice(first, self.names)}."
             )
-        rivals = " or ".join(SUBJECTS[variation.group.name] for variation in self.variations[1:])
+        rivals = " or ".join(_subject(variation) for variation in self.variations[1:])
         likely = describe_variation(first, self.names)
         return (
             f"something differs from view to view: most likely {likely}, else"
@@ -271,23 +271,33 @@ def describe_variation(variation: Variation, names: Sequence[str]) -> str:
     verb = VERBS[variation.kind]
     if variation.kind is VariationKind.STEP:
         verb += f" {names[first_after_step(variation.pattern)]}"
-    clause = f"{SUBJECTS[variation.group.name]} {verb}"
+    clause = f"{_subject(variation)} {verb}"
+    if variation.group.is_medium:
+        return f"{clause} (air and water)"
     if variation.kind in TWO and variation.group.name in TWO_OF_THEM:
         clause += f" ({TWO_OF_THEM[variation.group.name]})"
     size = describe_size(variation)
     return f"{clause}, by {size}" if size else clause
 
 
+def _subject(variation: Variation) -> str:
+    """Return plain words for what differs."""
+    return SURROUNDINGS if variation.group.is_medium else SUBJECTS[variation.group.name]
+
+
 def describe_size(variation: Variation) -> str:
-    """Return the root mean square of the deviations of the number that deviates most, over its
-    tolerance; an empty text for a motion, a whole lens, and what has no name.
+    """Return the root mean square of the deviations of the number that deviates most: over its
+    tolerance, if the numbers have different units. The text is empty for a motion, a whole lens,
+    and what has no name.
     """
     if variation.group.name in ("lens", "rolling_shutter", *NAMELESS):
         return ""
+    numbers = variation.group.numbers
     rms = np.sqrt((variation.deviations**2).mean(0))
-    index = int(rms.argmax())
-    number = variation.group.numbers[index]
-    size = number.sigma * float(rms[index])
+    sizes = rms * [number.sigma for number in numbers]
+    has_one_unit = len({number.param.unit for number in numbers}) == 1
+    index = int((sizes if has_one_unit else rms).argmax())
+    number, size = numbers[index], float(sizes[index])
     if number.relative or number.param is STRETCH.param:
         return f"{100 * size:.2g} %"
     unit, factor = PREFIXES.get(number.param.unit, (number.param.unit, 1.0))
@@ -297,6 +307,8 @@ def describe_size(variation: Variation) -> str:
 def advice(variation: Variation, names: Sequence[str]) -> str:
     """Return what to do, as a clause."""
     name = variation.group.name
+    if variation.group.is_medium:
+        return "keep the pictures in air and those in water in sessions of their own"
     if variation.kind is VariationKind.STEP and name.startswith(("cover", "focal", "principal")):
         return f"calibrate from {names[first_after_step(variation.pattern)]} on, or record again"
     if variation.kind in TWO and name in TWO_OF_THEM:

@@ -190,7 +190,7 @@ def _cross_halves(
     view may have so many parameters that they would hide its error. sigma: px, of a corner.
     """
     poses = with_blocks(poses, path.view_blocks)
-    odd = (torch.arange(len(observations.pixels)) - observations.starts[observations.view]) % 2 == 1
+    odd = alternate_rows(observations)
     image, board = torch.empty_like(observations.pixels), torch.empty_like(observations.pixels)
     for scored in (odd, ~odd):
         refitted, _ = refit_poses(
@@ -200,6 +200,12 @@ def _cross_halves(
         image[scored] = residual.image[scored]
         board[scored] = residual.board[scored]
     return refitted, Residuals(image, board)
+
+
+def alternate_rows(observations: Observations) -> Tensor:
+    """Return (M,) true for every second corner of each view."""
+    rows = torch.arange(len(observations.pixels))
+    return (rows - observations.starts[observations.view]) % 2 == 1
 
 
 def _bands(residual: Residuals, distance: Tensor) -> tuple[Band, ...]:

@@ -30,11 +30,12 @@ from calib.fitting.picture_settings import describe_mixed_settings
 from calib.fitting.provenance import provenance
 from calib.fitting.repeated_fit import RepeatedFit, check_enough, nominal_setup
 from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
-from calib.fitting.shape_choice import ShapeChoice, choose_shape
+from calib.fitting.shape_choice import ShapeChoice, camera_sigma, choose_shape
 from calib.fitting.stages import Setup
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.progress import Progress, Silent, check_progress
 from calib.session.numbers import unknown_names
+from calib.session.parameter_names import CAMERA
 from calib.session.session import Session, SessionSource
 from calib.threads import single_thread
 
@@ -111,7 +112,8 @@ def fit(
         intrinsics_from=inputs.intrinsics_from,
         shape_log_odds=choice.log_odds if choice else None,
         shape_map_changes_px=(choice.map_changes_px or None) if choice else None,
-        shape_camera_sigma=(choice.camera_sigma or None) if choice else None,
+        shape_camera_sigma=_camera_sigma(resolved, choice) or None,
+        rival_lens=_rival_lens(resolved) or None,
         medium_log_odds=media,
         lens_held_out_px=inputs.lens_held_out_px,
         turned_boards=repeated.turned or None,
@@ -145,6 +147,21 @@ def _with_unknown_numbers(
         with single_thread():
             nominal = with_initial_values(nominal, inputs.views, progress)
     return nominal, choice
+
+
+def _camera_sigma(resolved: ResolvedFit, choice: ShapeChoice | None) -> Mapping[str, float]:
+    """Return the standard deviations in px of the pinhole's numbers over all explanations that are
+    about as probable; empty for one explanation.
+    """
+    if resolved.rival:
+        return camera_sigma([resolved.fitted, resolved.rival])
+    return choice.camera_sigma if choice else {}
+
+
+def _rival_lens(resolved: ResolvedFit) -> dict[str, float]:
+    if not resolved.rival:
+        return {}
+    return {name: float(resolved.rival.values[name]) for name in CAMERA.pinhole}
 
 
 def _with_grid(

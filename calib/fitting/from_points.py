@@ -1,6 +1,7 @@
 """A calibration from arrays of points, with the arguments of cv2.calibrateCamera."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,15 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib.calibration import Calibration
+from calib.corners.point_views import views_of_points
 from calib.corners.view import View
 from calib.errors import InputError, wrong_type
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
+from calib.intrinsics.spatial_target import plane_normal
 from calib.io.array_arguments import numbers
 from calib.progress import Progress, Silent
 from calib.session.cover import Cover
 from calib.session.cover_section import cover_to_yaml
-from calib.session.session import Session, session_from_mapping
+from calib.session.point_target import PointTarget, PointView, join_places, near_origin
+from calib.session.session import POINTS, TARGET_KEY, Session, session_from_mapping
 
 CALL = "calibrate"
 """The origin of the arguments in messages."""
@@ -39,11 +43,12 @@ def calibrate(
     settings: Settings = Settings(),
     progress: Progress = Silent(),
 ) -> Calibration:
-    """Calibrate a camera from points of a flat board, as cv2.calibrateCamera takes them.
+    """Calibrate a camera from points of a flat board or of a target in space, as
+    cv2.calibrateCamera takes them. Points in space need no start of the camera matrix.
 
     Args:
         object_points: for each view, (N, 3) m points on the board: a grid of squares with z = 0. A
-            view may show a part of the grid.
+            view may show a part of the grid. Or points that are not on a plane, at any places.
         image_points: for each view, the (N, 2) px of these points; NaN where a point was not found.
         size: width and height of the pictures, px.
         camera_matrix: (3, 3) px, if it is known. It is needed if there is a cover: calibrate
@@ -56,7 +61,7 @@ def calibrate(
 
     Raises:
         WrongTypeError: an argument is of another type.
-        InputError: the points are no grid, or do not belong together.
+        InputError: the points are on a plane and no grid, or do not belong together.
         NotEnoughDataError: too few views show enough of the board.
     """
     width, height = _check_size(size)
@@ -68,26 +73,25 @@ def calibrate(
             f"object_points has {len(objects)} views and image_points {len(pixels)}: give the"
             " points of each view in both."
         )
-    grid = _Grid.around(objects)
-    views = tuple(
-        grid.view(f"view {index}", points, found, (width, height))
-        for index, (points, found) in enumerate(zip(objects, pixels, strict=True))
-    )
+    points = [
+        _check_view(f"view {index}", places, seen, (width, height))
+        for index, (places, seen) in enumerate(zip(objects, pixels, strict=True))
+    ]
+    _check_points(objects)
+    grid = None if plane_normal(np.concatenate(objects)) is None else _Grid.around(objects)
     camera: dict[str, object] = {"width": width, "height": height}
     if camera_matrix is not None:
         camera["intrinsics"] = _intrinsics(camera_matrix, distortion)
     elif distortion is not None:
         raise InputError("distortion is given without camera_matrix: give both, or none of them.")
-    mapping = {
-        "board": {
-            "columns": grid.columns,
-            "rows": grid.rows,
-            "square_mm": 1e3 * grid.square,
-        },
-        "camera": camera,
-        "cover": described_cover,
-    }
+    mapping = {"camera": camera, "cover": described_cover}
+    mapping |= {"board": grid.section} if grid else {TARGET_KEY: {"type": POINTS}}
     board, described, glass = session_from_mapping(mapping, CALL)
+    if grid:
+        views = tuple(grid.view(view) for view in points)
+    else:
+        board = PointTarget.of(near_origin(join_places(points)))
+        views = tuple(replace(view, covariance=None) for view in views_of_points(points))
     if glass.shape != "none":
         if camera_matrix is None:
             raise InputError(
@@ -113,18 +117,20 @@ class _Grid:
         self.columns = columns
         self.rows = rows
 
+    @property
+    def section(self) -> dict[str, object]:
+        """The key board of session.yaml."""
+        return {"columns": self.columns, "rows": self.rows, "square_mm": 1e3 * self.square}
+
     @staticmethod
     def around(objects: Sequence[Array]) -> "_Grid":
         """Return the smallest grid that holds the points of all views."""
-        points = np.concatenate([np.zeros((0, 3)), *objects])
-        if not len(points):
-            raise InputError("object_points holds no point: give the corners of each view.")
-        if not np.isfinite(points).all():
-            raise InputError("object_points has a point that is not finite: give the board's own.")
+        points = np.concatenate(objects)
         extent = float(np.ptp(points[:, :2], axis=0).max())
         if np.abs(points[:, 2]).max() > GRID_TOLERANCE * extent:
             raise InputError(
-                "object_points are not flat: give z = 0 for every point of a flat board."
+                "object_points are on a plane, and not on z = 0: give z = 0 for every point of a"
+                " flat board."
             )
         steps = np.concatenate([np.diff(np.sort(points[:, axis])) for axis in (0, 1)])
         steps = steps[steps > 1e-4 * extent]
@@ -142,28 +148,47 @@ class _Grid:
             " steps of its squares' side."
         )
 
-    def view(self, name: str, points: Array, pixels: Array, size: tuple[int, int]) -> View:
-        """Return the view in which the points (N, 3) m are seen at (N, 2) px."""
-        if len(points) != len(pixels):
-            raise InputError(
-                f"{name} has {len(points)} object_points and {len(pixels)} image_points: give one"
-                " pixel for each point."
-            )
-        found = np.isfinite(pixels).all(-1)
-        outside = ((pixels < -0.5) | (pixels > np.array(size) - 0.5)).any(-1)
-        if outside.any():
-            x, y = pixels[outside][0]
-            raise InputError(
-                f"{name} has a point at ({x:g}, {y:g}), outside {size[0]}x{size[1]} px: give size"
-                " as (width, height), and points of this picture."
-            )
-        column, row = np.rint((points[found, :2] - self.corner) / self.square).astype(int).T
+    def view(self, view: PointView) -> View:
+        """Return a view of points of the grid."""
+        column, row = np.rint((view.places[:, :2] - self.corner) / self.square).astype(int).T
         places = row * self.columns + column
         if len(set(places.tolist())) < len(places):
-            raise InputError(f"{name} has one of its object_points twice: give each point once.")
+            raise InputError(
+                f"{view.name} has one of its object_points twice: give each point once."
+            )
         corners = np.full((self.columns * self.rows, 2), np.nan)
-        corners[places] = pixels[found]
-        return View(name, corners, np.isfinite(corners[:, 0]).astype(np.float64))
+        corners[places] = view.pixels
+        return View(view.name, corners, np.isfinite(corners[:, 0]).astype(np.float64))
+
+
+def _check_points(objects: Sequence[Array]) -> None:
+    """Raise InputError if there are no points, or one is not finite."""
+    points = np.concatenate([np.zeros((0, 3)), *objects])
+    if not len(points):
+        raise InputError("object_points holds no point: give the corners of each view.")
+    if not np.isfinite(points).all():
+        raise InputError("object_points has a point that is not finite: give the board's own.")
+
+
+def _check_view(name: str, points: Array, pixels: Array, size: tuple[int, int]) -> PointView:
+    """Return the view of the points (N, 3) m that are seen at (N, 2) px, without those that are
+    not seen. Its covariances are those of 1 px.
+    """
+    if len(points) != len(pixels):
+        raise InputError(
+            f"{name} has {len(points)} object_points and {len(pixels)} image_points: give one"
+            " pixel for each point."
+        )
+    visible = np.isfinite(pixels).all(-1)
+    outside = ((pixels < -0.5) | (pixels > np.array(size) - 0.5)).any(-1)
+    if outside.any():
+        x, y = pixels[outside][0]
+        raise InputError(
+            f"{name} has a point at ({x:g}, {y:g}), outside {size[0]}x{size[1]} px: give size"
+            " as (width, height), and points of this picture."
+        )
+    covariance = np.tile(np.eye(2), (int(visible.sum()), 1, 1))
+    return PointView(name, pixels[visible], points[visible], covariance)
 
 
 def _rows(views: Sequence[ArrayLike], width: int, name: str) -> list[Array]:

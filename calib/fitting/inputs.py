@@ -18,6 +18,7 @@ from calib.corners.view import BARE_PREFIX, RejectedPicture, View
 from calib.errors import InputError
 from calib.fit_record.request import IntrinsicsSource
 from calib.intrinsics.calibrate import BareFit, calibrate_bare
+from calib.intrinsics.spatial_target import check_handedness
 from calib.io.files import reading
 from calib.io.frames_table import NAME as FRAMES_TABLE
 from calib.io.frames_table import FrameRecord, read_frame_records
@@ -145,6 +146,11 @@ def gather_inputs(
     rejected: tuple[RejectedPicture, ...] = ()
     if views is None:
         views, rejected = read_views(session, progress)
+    check_handedness(
+        split_usable_views(views, session.board)[0],
+        session.board,
+        (session.camera.width, session.camera.height),
+    )
     bare_rejected: tuple[RejectedPicture, ...] = ()
     lens_errors: dict[str, float] = {}
     source: IntrinsicsSource
@@ -235,7 +241,7 @@ def session_of_pictures(
     readable = [file for file in sizes if sizes[file] == size]
     rejected += [
         RejectedPicture(
-            file.name, f"is {sizes[file][0]}x{sizes[file][1]} px where most are {width}x{height}"
+            file.name, f"{sizes[file][0]}x{sizes[file][1]} px where most are {width}x{height}"
         )
         for file in sizes
         if sizes[file] != size

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from calib.corners.view import View
-from calib.estimation.noise import corner_noise
 from calib.fit_record.request import EVEN_GRID, Settings
 from calib.fitting.stages import Fitted, Setup, fit_or_none
 from calib.fitting.unknown_numbers import with_initial_values
@@ -57,7 +56,7 @@ def medium_log_odds(
     log_odds = _log_marginal(rival_fit) - _log_marginal(fit) if rival_fit and fit else 0.0
     if log_odds > LIKELY:
         rival_fit = fit_or_none(rival, views, settings, progress, f"if in {rival_name}")
-        if rival_fit and _explains(rival_fit, views, nominal):
+        if rival_fit and rival_fit.leaves_noise(views, nominal.board, NEAR_NOISE):
             log_odds = min(log_odds, _log_marginal(rival_fit) - fitted.joint.log_marginal)
         else:
             log_odds = 0.0
@@ -68,9 +67,3 @@ def medium_log_odds(
 def _log_marginal(fitted: Fitted) -> float:
     assert fitted.joint
     return fitted.joint.log_marginal
-
-
-def _explains(fitted: Fitted, views: Sequence[View], setup: Setup) -> bool:
-    """Return True if a fit leaves hardly more than the corners' noise."""
-    noise = corner_noise(fitted.residuals.image, views, setup.board)
-    return noise is not None and fitted.residuals.rms_px <= NEAR_NOISE * noise

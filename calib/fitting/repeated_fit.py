@@ -27,6 +27,7 @@ from calib.fitting.half_turns import HalfTurned
 from calib.fitting.inputs import FitInputs, recalibrate_bare
 from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.fitting.view_noise import weigh_noisy_views
+from calib.io.numerals import counted
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.session import MIN_FIT_VIEWS, Session
@@ -326,9 +327,10 @@ def check_enough(
     board: Board, views: Sequence[View], rejected: Sequence[RejectedPicture], for_folds: int = 0
 ) -> None:
     """Raise NotEnoughDataError if the views are too few for a fit, and for this many folds."""
-    if len(views) < MIN_FIT_VIEWS:
+    fewest = MIN_FIT_VIEWS if board.is_flat else 1
+    if len(views) < fewest:
         raise NotEnoughDataError(
-            f"A fit needs {MIN_FIT_VIEWS} usable views and there are"
+            f"A fit needs {counted(fewest, 'usable view')} and there are"
             f" {len(views)}{describe_most(rejected)}: take more {board.views_words}."
         )
     if not for_folds:

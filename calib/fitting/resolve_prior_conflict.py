@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 
 from calib.corners.view import View
 from calib.estimation.levenberg_marquardt import Outcome
-from calib.estimation.noise import corner_noise
 from calib.estimation.observations import Observations
 from calib.estimation.prior_conflict import (
     MAX_CONFLICTS,
@@ -27,6 +26,7 @@ from calib.estimation.prior_conflict import (
 from calib.estimation.relief_heights import height_spread
 from calib.estimation.stated_priors import widen_prior
 from calib.fit_record.request import EVEN_GRID, Settings
+from calib.fitting.other_lens import find_other_lens
 from calib.fitting.stages import Fitted, Setup, fit_stages
 from calib.progress import Progress
 from calib.session.freeing import AUTO
@@ -45,10 +45,6 @@ MAX_IMITATION = 7.5 * GLASS_FIGURE.sigma
 is there. A board that moves during the readout gave 57 um, measured sets in water 100 and 150 um,
 the latter two with the cover's distance wrong by ten of its sigmas.
 """
-MAX_NOISE_RATIO = 1.3
-"""A fit whose residual exceeds the corners' noise by this factor lacks something else, which may be
-what pulls a number away from its declared value.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +58,8 @@ class ResolvedFit:
     """The setup with the tolerances that were declared."""
     doubted: tuple[str, ...] = ()
     """The numbers whose tolerance was widened, by their names in the ray path."""
+    rival: Fitted | None = None
+    """The fit of even glass and another lens that explains the views about as well."""
 
 
 def resolve_prior_conflict(
@@ -74,6 +72,7 @@ def resolve_prior_conflict(
 ) -> ResolvedFit:
     """Return the fit whose treatment of the declared numbers the views support.
 
+    - Even glass with another lens than the declared one is more probable than uneven glass: that.
     - No number is contradicted: the fit with tolerances as it is.
     - A number is contradicted and the fit leaves more than noise: the fit with `nominal`, as the
       model lacks something, which the number may imitate. If the glass would imitate it instead,
@@ -92,8 +91,11 @@ def resolve_prior_conflict(
     observations = Observations.of(views, setup.board)
     resolved = ResolvedFit(fitted, setup, setup)
     may_hold = AUTO in settings.free and setup != nominal
+    other = find_other_lens(fitted, setup, views, settings, progress)
+    if other and other.is_more_probable:
+        return ResolvedFit(other.fitted, other.setup, setup, other.differing)
     if _is_credible(resolved):
-        return resolved
+        return replace(resolved, rival=other.fitted) if other else resolved
     if not may_hold:
         return _widen_conflicting_priors(resolved, observations, views, settings, progress)
     exact = fit_stages(
@@ -204,9 +206,7 @@ def log_evidence(fitted: Fitted) -> float:
 
 def at_noise(resolved: ResolvedFit, views: Sequence[View]) -> bool:
     """True if the residual is little more than the corners' noise, and this is known."""
-    fitted = resolved.fitted
-    noise = corner_noise(fitted.residuals.image, views, resolved.setup.board)
-    return noise is not None and fitted.stages[-1].rms_px <= MAX_NOISE_RATIO * noise
+    return resolved.fitted.leaves_noise(views, resolved.setup.board)
 
 
 def short_name(name: str) -> str:

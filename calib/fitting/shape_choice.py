@@ -97,7 +97,7 @@ def choose_shape(
         setups[best],
         log_odds,
         {name: _map_change(fits[best], fits[name], observations) for name in rivals},
-        _camera_sigma([fits[name] for name in (best, *rivals)]) if rivals else {},
+        camera_sigma([fits[name] for name in (best, *rivals)]) if rivals else {},
     )
 
 
@@ -114,7 +114,7 @@ def _is_within_limits(fitted: Fitted) -> bool:
     return True
 
 
-def _camera_sigma(fits: Sequence[Fitted]) -> dict[str, float]:
+def camera_sigma(fits: Sequence[Fitted]) -> dict[str, float]:
     """Return the standard deviation in px of the numbers of the pinhole that the fits estimate,
     from the values of the first fit, if each of the fits is as probable.
     """
@@ -157,6 +157,8 @@ def _log_marginal(fitted: Fitted, setup: Setup, observations: Observations) -> f
     joint, model = fitted.joint, fitted.model
     assert joint
     assert model
+    if not setup.board.is_flat:
+        return joint.log_marginal
     bent = model.with_effect(BoardShape(*setup.board.half, DEGREES[-1]))
     log_bent = bent.fit(observations, joint.poses, joint.start, ROUNDS).log_marginal
     return max(joint.log_marginal, log_bent)

@@ -22,6 +22,7 @@ from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.gradient_fit import descend
 from calib.estimation.joint_fit import FIRST_SIGMA, GOOD_GLASS, ROUNDS, JointFit, Start
+from calib.estimation.noise import corner_noise
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
@@ -55,6 +56,10 @@ is that of the glass within the picture.
 MAX_PULL = 10.0
 """Tolerances: a declared number of the cover that even glass moves farther is no start for uneven
 glass. A cone with bumps of 30 um can be imitated by one whose radius is zero.
+"""
+MAX_NOISE_RATIO = 1.3
+"""A fit whose residual exceeds the corners' noise by this factor lacks something else, which may be
+what pulls a number away from its declared value.
 """
 MIN_LOG_ODDS = math.log(100)
 """The least log odds of uneven glass, or of a bent board behind even glass, against less."""
@@ -130,6 +135,15 @@ class Fitted:
     def effects(self) -> tuple[Effect, ...]:
         """The effects of the path: the board's bend, or none."""
         return self.model.effects if self.model else ()
+
+    def leaves_noise(
+        self, views: Sequence[View], board: Board, ratio: float = MAX_NOISE_RATIO
+    ) -> bool:
+        """Return True if the error is at most so many times the corners' noise, and this is
+        known.
+        """
+        noise = corner_noise(self.residuals.image, views, board)
+        return noise is not None and self.residuals.rms_px <= ratio * noise
 
 
 def fit_stages(
@@ -393,12 +407,14 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
 
 def _fit_bent(job: _Job, even: CameraModel, smooth: JointFit, log_odds: float) -> Fitted | None:
     """Return the fit of a bent board behind even glass if the bend explains more than uneven glass
-    would, and None if not.
+    would, and None if not, or if the target is not flat.
 
     Args:
         smooth: the fit of a flat board behind even glass.
         log_odds: the log odds of uneven glass at that fit.
     """
+    if not job.setup.board.is_flat:
+        return None
     bent = even.with_effect(BoardShape(*job.setup.board.half, DEGREES[-1]))
     joint = bent.fit(job.observations, smooth.poses, smooth.start, ROUNDS)
     if not joint.log_evidence > smooth.log_evidence + log_odds + MIN_LOG_ODDS:

@@ -39,6 +39,16 @@ def describe_trusted(near: float, far: float) -> str:
     )
 
 
+def describe_supported(near: float, far: float) -> str:
+    """Return a sentence on the range of `trusted_depths`, for corners from near to far, m."""
+    nearest, farthest = trusted_depths(near, far)
+    end = "any distance" if math.isinf(farthest) else f"{farthest:.2g} m"
+    return (
+        f"You can use maps from {nearest:.2g} m to {end}: the boards were {near:.2g} to {far:.2g} m"
+        " away."
+    )
+
+
 def mistaken_unit(depth: float, far: float) -> tuple[str, int] | None:
     """Return the unit in which a depth may have been meant, mm or cm, and how many of it are a
     metre; None for a plausible depth. The farthest corner is at `far`, m.

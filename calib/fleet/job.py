@@ -34,6 +34,7 @@ from calib.io.files import read_file
 from calib.io.folder_lock import BusyError
 from calib.io.json_text import json_text
 from calib.io.output_folder import check_no_link
+from calib.io.result_names import DIAGNOSED
 from calib.progress import Silent
 from calib.report.write import NAME, write_report
 from calib.session.session import Session, read_session
@@ -44,7 +45,6 @@ PATIENCE_S = 900.0
 """The longest wait for another worker that was thought dead and still writes to the same camera."""
 EPOCH_S = 1e9
 """s; smaller times of frames.csv are no Unix times."""
-DIAGNOSED = "diagnosed"
 FITTED = ".fitted.json"
 """The file in a camera's folder that has the identity of its calibration."""
 

@@ -9,11 +9,12 @@ from calib.errors import InputError
 from calib.export.file_names import file_names
 from calib.export.formats import FORMATS
 from calib.fleet.identity import FleetOptions
-from calib.fleet.job import DIAGNOSED, camera_files
+from calib.fleet.job import camera_files
 from calib.fleet.manifest import Entry
 from calib.fleet.places import is_remote
 from calib.fleet.result import CAMERAS, PAGES, result_name
 from calib.io.output_folder import OutputFolder, check_no_link
+from calib.io.result_names import DIAGNOSED
 from calib.report.write import NAME
 
 

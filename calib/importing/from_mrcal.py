@@ -62,8 +62,8 @@ def from_cameramodel(path: Path, *, names_of_frames: bool = False) -> SessionDra
     if "optimization_inputs" not in model:
         raise InputError(
             f"{path} holds no optimization inputs, so no corners: give the file as"
-            " mrcal-calibrate-cameras wrote it, or import the corners with calib import"
-            " mrcal-corners."
+            " mrcal-calibrate-cameras wrote it, or import the corners with"
+            " `calib import mrcal-corners`."
         )
     try:
         arrays = _arrays(model["optimization_inputs"])

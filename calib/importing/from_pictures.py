@@ -88,14 +88,22 @@ def from_pictures(
 
 def describe_unread(folder: Path) -> str:
     """Return words on the files of a folder that are no pictures to calib; "" if there are none."""
-    names = [brief(path.name) for path in list_unread(folder)]
-    return f"files that are not read as pictures: {list_names(names)}" if names else ""
+    return _in_words(list_unread(folder))
 
 
 def unread_notices(folder: Path) -> tuple[str, ...]:
     """Return a sentence on the files of a folder that are no pictures to calib, if any."""
-    unread = describe_unread(folder)
-    return (f"left out, {unread}. Save them as {TYPES}.",) if unread else ()
+    return notices_of_unread(list_unread(folder))
+
+
+def notices_of_unread(unread: Sequence[Path]) -> tuple[str, ...]:
+    """Return a sentence on files that are no pictures to calib, if there are any."""
+    return (f"left out, {_in_words(unread)}. Save them as {TYPES}.",) if unread else ()
+
+
+def _in_words(unread: Sequence[Path]) -> str:
+    names = [brief(path.name) for path in unread]
+    return f"files that are not read as pictures: {list_names(names)}" if names else ""
 
 
 def uniform_pictures(folder: Path, paths: Sequence[Path]) -> UniformPictures:

@@ -61,7 +61,7 @@ def _measure(path: Path) -> tuple[int, int, int]:
         if not success:
             raise InputError(
                 f"{path} is not a video that can be read: give a folder of its frames, or convert"
-                f" it by {convert_command(path)}"
+                f" it by `{convert_command(path)}`."
             )
         count = promised_frames(video, path)
         if not count:

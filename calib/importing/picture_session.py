@@ -18,23 +18,30 @@ from numpy.typing import NDArray
 
 from calib.corners.detect import eight_bits
 from calib.errors import InputError, brief
-from calib.importing.from_pictures import PictureContents, describe_unread, uniform_pictures
+from calib.importing.from_pictures import (
+    PictureContents,
+    describe_unread,
+    notices_of_unread,
+    uniform_pictures,
+)
 from calib.importing.from_video import describe_end, from_video, sharpest_frames
 from calib.io.camera_names import ALL, choose_camera
 from calib.io.exif import camera_settings
 from calib.io.files import make_folder, reading
 from calib.io.images import (
+    CONVERTIBLE,
     SUFFIXES,
     TYPES,
     DamagedPictureError,
+    conversion,
+    conversion_of_unread,
     list_images,
-    list_unread,
     picture_bytes,
     read_grey,
     session_pictures,
 )
 from calib.io.output_folder import LEDGER, OutputFolder
-from calib.io.patterns import expand
+from calib.io.patterns import expand, unread_matches
 from calib.io.result_names import CALIBRATION_FILE
 from calib.io.shell import shell_path
 from calib.io.videos import OTHER_VIDEOS, VIDEOS, convert_command, list_videos
@@ -43,7 +50,7 @@ from calib.session.board import Board
 from calib.session.board_section import board_to_yaml
 from calib.session.commented import commented_session
 from calib.session.schema import UNKNOWN
-from calib.session.session import session_from_mapping
+from calib.session.session import TARGET_KEY, session_from_mapping
 from calib.session.shapes.none import NONE
 
 DESCRIPTION = "session.yaml"
@@ -64,8 +71,6 @@ MAX_INNER = 3
 """Folders that a message lists."""
 MIN_PICTURES = 3
 """Pictures that make a camera of their EXIF: one or two among many are strays."""
-CONVERTIBLE = (".heic", ".heif", ".avif", ".gif", ".jp2", ".jxl", ".dng")
-"""Suffixes of pictures that other programs convert to a type that is read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +83,15 @@ class NamedPictures:
     video: Path | None = None
     words: str = ""
     """The named paths, quoted for a shell."""
+    unread: tuple[Path, ...] = ()
+    """The files that match a named pattern, and are of a type that is not read."""
 
     @property
     def in_place(self) -> bool:
-        """True if the session's folder holds the pictures already, and no others."""
-        return bool(self.pictures) and self.pictures == session_pictures(self.session)
+        """True if the session's folder holds the pictures already, and no others. A session of
+        corners or of points holds none.
+        """
+        return self.video is None and self.pictures == session_pictures(self.session)
 
     @property
     def is_described(self) -> bool:
@@ -99,7 +108,7 @@ def find_pictures(paths: Sequence[Path]) -> NamedPictures:
         InputError: a path is neither, or there is no picture.
     """
     words = " ".join(map(shell_path, paths))
-    existing = expand(paths)
+    existing = _named(paths)
     for path in existing:
         _check_exists(path)
         _check_no_calibration(path)
@@ -110,17 +119,39 @@ def find_pictures(paths: Sequence[Path]) -> NamedPictures:
         return NamedPictures(videos[0].with_suffix(""), video=videos[0], words=words)
     if videos:
         raise InputError(
-            f"{videos[0]} is a video among other files: give one video, or pictures, such as calib"
-            f" fit {shell_path(videos[0])} {EXAMPLE}"
+            f"{videos[0]} is a video among other files: give one video, or pictures, such as"
+            f" `calib fit {shell_path(videos[0])} {EXAMPLE}`."
         )
-    pictures: list[Path] = []
+    distinct: dict[Path, None] = {}  # '**/*' matches a folder and its pictures
     for path in existing:
-        pictures += session_pictures(path) if path.is_dir() else [_picture(path)]
+        distinct |= dict.fromkeys(session_pictures(path) if path.is_dir() else [_picture(path)])
+    pictures = list(distinct)
     folders = {path.parent for path in pictures}
     common = Path(os.path.commonpath([str(folder) for folder in folders] or ["."]))
     if len(folders) == 1 and set(pictures) == set(list_images(common)):
         return _in_folder(common, words)
-    return NamedPictures(common / "session", tuple(pictures), words=words)
+    unread = tuple(unread_matches(paths))
+    return NamedPictures(common / "session", tuple(pictures), words=words, unread=unread)
+
+
+def _named(paths: Sequence[Path]) -> list[Path]:
+    """Return the paths with what matches each pattern in its place: without what an earlier fit
+    wrote there, and without folders that have no pictures, unless nothing else matches.
+    """
+    existing: list[Path] = []
+    for path in paths:
+        media = expand([path])
+        originals = [match for match in media if len(media) == 1 or _is_original(match)]
+        existing += originals or media
+    return existing
+
+
+def _is_original(path: Path) -> bool:
+    """Return True for a picture, or a folder with pictures, that is no copy made by a fit."""
+    with reading(path):
+        if path.is_dir() and not session_pictures(path):
+            return False
+        return not any((place / "frames" / LEDGER).exists() for place in (path, *path.parents[:2]))
 
 
 def _check_no_calibration(path: Path) -> None:
@@ -134,36 +165,41 @@ def _check_no_calibration(path: Path) -> None:
         if is_calibration and not session_pictures(path):
             raise InputError(
                 f"{path} is a calibration: give the folder of pictures to fit, or look at it by"
-                f" calib report {shell_path(path)}"
+                f" `calib report {shell_path(path)}`."
             )
 
 
 def _check_exists(path: Path) -> None:
     if CAMERA.fullmatch(str(path)):
         raise InputError(
-            f"{path} is a camera, and a fit takes pictures: record some by capture SESSION --source"
-            f" v4l2:{path}. capture sources lists the cameras."
+            f"{path} is a camera, and a fit takes pictures: record some by"
+            f" `capture SESSION --source v4l2:{path}`. `capture sources` lists the cameras."
         )
     with reading(path):
         if path.exists():
             return
     raise InputError(
         f"{path} is not a folder, a picture or a video that exists: check its name, or record"
-        f" pictures there by capture {shell_path(path)}"
+        f" pictures there by `capture {shell_path(path)}`."
     )
 
 
 def _picture(path: Path) -> Path:
     if path.name == RIG:
-        raise InputError(f"{path} describes a rig: calib rig fit {shell_path(path)} calibrates it.")
+        raise InputError(
+            f"{path} describes a rig: `calib rig fit {shell_path(path)}` calibrates it."
+        )
     if path.name == DESCRIPTION:
         raise InputError(
-            f"{path} describes a session: calib fit {shell_path(path.parent)} calibrates it."
+            f"{path} describes a session: `calib fit {shell_path(path.parent)}` calibrates it."
         )
     if path.suffix.lower() in OTHER_VIDEOS:
         raise InputError(
-            f"{path} is a video of a type that is not read: convert it by {convert_command(path)}"
+            f"{path} is a video of a type that is not read: convert it by"
+            f" `{convert_command(path)}`."
         )
+    if path.suffix.lower() in CONVERTIBLE:
+        raise InputError(f"{path} is a picture of a type that is not read: {conversion(path)}.")
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(
             f"{path} is neither a picture nor a video: give {TYPES} files, a folder of them,"
@@ -184,7 +220,7 @@ def _in_folder(folder: Path, words: str) -> NamedPictures:
     if is_inner and not described:
         around = folder.parent if folder.name else folder / ".."
         raise InputError(
-            f"{folder} belongs to the session {around}: type calib fit {shell_path(around)},"
+            f"{folder} belongs to the session {around}: type `calib fit {shell_path(around)}`,"
             " or copy the pictures elsewhere to describe them anew."
         )
     pictures = session_pictures(folder)
@@ -192,8 +228,8 @@ def _in_folder(folder: Path, words: str) -> NamedPictures:
         videos = list_videos(folder)
         if videos:
             raise InputError(
-                f"{folder} has no pictures, but a video: calib fit {shell_path(videos[0])}"
-                f" {EXAMPLE} makes a session of it."
+                f"{folder} has no pictures, but a video: `calib fit {shell_path(videos[0])}"
+                f" {EXAMPLE}` makes a session of it."
             )
         unread = describe_unread(folder)
         exception = f", only {unread}" if unread else ""
@@ -222,12 +258,10 @@ def _find_advice(folder: Path) -> str:
     if inner and not (folder / RIG).is_file():
         return _inner_advice(folder, inner)
     if (folder / RIG).is_file():
-        return f"it is a rig, which calib rig fit {shell_path(folder)} calibrates."
-    convertible = [p for p in list_unread(folder) if p.suffix.lower() in CONVERTIBLE]
-    if convertible:
-        files = f"{shell_path(folder)}/*{convertible[0].suffix}"
-        return f"convert them, such as by mogrify -format png {files} (of ImageMagick)."
-    return f"record some by capture {shell_path(folder)}, or put {TYPES} files there."
+        return f"it is a rig, which `calib rig fit {shell_path(folder)}` calibrates."
+    if advice := conversion_of_unread(folder):
+        return f"{advice}."
+    return f"record some by `capture {shell_path(folder)}`, or put {TYPES} files there."
 
 
 def _inner_advice(folder: Path, inner: Sequence[Path]) -> str:
@@ -241,7 +275,11 @@ def _inner_advice(folder: Path, inner: Sequence[Path]) -> str:
     command = f"calib fit {shell_path(first)} {EXAMPLE}"
     if first.name in ("frames", "bare") and (first.parent / DESCRIPTION).is_file():
         command = f"calib fit {shell_path(first.parent)}"
-    return f"give a folder with the pictures of one camera ({names}{further}), such as {command}"
+    pictures = "give a folder with the pictures of one camera"
+    advice = f"{pictures} ({names}{further}), such as `{command}`."
+    if len(inner) == 1 or any((path.parent / DESCRIPTION).is_file() for path in inner):
+        return advice
+    return f"{advice} If one camera took all of them, give {shell_path(folder / '**' / '*')}."
 
 
 def _holds_pictures(path: Path, folder: Path) -> bool:
@@ -331,51 +369,57 @@ def check_replaceable(source: NamedPictures) -> None:
         _check_new(source)
 
 
+@dataclass(frozen=True, slots=True)
+class Description:
+    """What session.yaml says of pictures, besides their size."""
+
+    board: Board | None
+    """None: the target is in `further`."""
+    cover: Mapping[str, object]
+    camera: Mapping[str, object]
+    """Without `intrinsics`, they come from bare/ if it is there. Else a camera behind a cover gets
+    those that say that its lens is not known.
+    """
+    further: Mapping[str, object]
+    """The keys outside of the sections."""
+
+
 def describe_pictures(
-    source: NamedPictures,
-    board: Board,
-    cover: Mapping[str, object],
-    intrinsics: Mapping[str, object] | None,
-    lens: str,
-    progress: Progress,
+    source: NamedPictures, description: Description, progress: Progress
 ) -> tuple[str, ...]:
     """Write the session.yaml, and copies of pictures that lie elsewhere and have the size of most;
     return sentences on those that are not copied.
 
-    A file that calib wrote there before, and nobody changed, is replaced. Pictures of other sizes
-    that lie in the session already stay there, and a fit rejects them by name.
-
-    Args:
-        cover: the section `cover` of session.yaml.
-        intrinsics: the section `camera.intrinsics`. None: they come from bare/ if it is there. Else
-            a camera behind a cover gets those that say that its lens is not known.
-        lens: the lens model; "" if none is stated.
+    A file that Refracal wrote there before, and nobody changed, is replaced. Pictures of other
+    sizes that lie in the session already stay there, and a fit rejects them by name.
     """
     check_replaceable(source)
     notices: tuple[str, ...] = ()
+    board, cover, camera = description.board, description.cover, dict(description.camera)
     if source.video:
+        assert board, "a target of points has no video"
         draft = from_video(source.video, board, progress=progress)
-        size = draft.camera.width, draft.camera.height
+        camera |= {"width": draft.camera.width, "height": draft.camera.height}
         frames = draft.frames
-    else:
+    elif source.pictures:
         folder = source.session if source.in_place else source.session.parent
         uniform = uniform_pictures(folder, source.pictures)
-        size = uniform.size
+        camera |= dict(zip(("width", "height"), uniform.size, strict=True))
         frames = _contents(uniform.paths)
         notices = () if source.in_place else uniform.stray_notices
-    camera: dict[str, object] = {"width": size[0], "height": size[1]}
-    if lens:
-        camera["lens"] = lens
+        notices = (*notices_of_unread(source.unread), *notices)
     remarks = [f"Written by calib fit, from {source.words}."]
-    if intrinsics:
-        camera["intrinsics"] = intrinsics
-    elif cover["shape"] != NONE.name and not (source.session / "bare").is_dir():
+    has_bare = (source.session / "bare").is_dir()
+    if "intrinsics" not in camera and cover["shape"] != NONE.name and not has_bare:
         camera["intrinsics"] = UNKNOWN
         remarks.append(
             "Nobody gave the lens, so its intrinsics are unknown and the fit estimates them."
         )
-    text = commented_session(board_to_yaml(board), camera, cover, remarks)
-    session_from_mapping({"board": board_to_yaml(board), "camera": camera, "cover": cover}, COMMAND)
+    target = {"board": board_to_yaml(board)} if board else {}
+    further = description.further
+    text = commented_session(target.get("board", {}), camera, cover, remarks, further)
+    targets = {key: value for key, value in further.items() if key == TARGET_KEY}
+    session_from_mapping({**target, **targets, "camera": camera, "cover": cover}, COMMAND)
     if not source.in_place:
         names = _copy(source.session, frames)
         if source.video and names:
@@ -389,16 +433,20 @@ def _output(source: NamedPictures) -> OutputFolder:
 
 
 def _contents(pictures: Sequence[Path]) -> Iterator[tuple[str, bytes]]:
-    """Yield names and contents. Pictures of several folders get the names of theirs in front."""
-    several = len({path.parent for path in pictures}) > 1
+    """Yield names and contents. Pictures of several folders get the path of theirs in front, from
+    the folder that holds them all.
+    """
+    parents = {path.absolute().parent for path in pictures}
+    common = Path(os.path.commonpath(parents)) if len(parents) > 1 else None
     for path, (name, data) in zip(pictures, PictureContents.of(pictures), strict=True):
-        yield f"{path.parent.name}-{name}" if several else name, data
+        folders = path.absolute().parent.relative_to(common).parts if common else ()
+        yield "-".join((*folders, name)), data
 
 
 def _correction(source: NamedPictures) -> str:
     """Return what to do about a session.yaml that is not ours to replace."""
     session = shell_path(source.session)
-    return f"write there what the options say, or leave the options out: calib fit {session}"
+    return f"write there what the options say, or leave the options out: `calib fit {session}`"
 
 
 def _check_new(source: NamedPictures) -> None:
@@ -412,12 +460,12 @@ def _check_new(source: NamedPictures) -> None:
         kind = "video" if source.video else "images"
         raise InputError(
             f"{folder} is there already, and the pictures would go there: rename it, or make a"
-            f" session elsewhere by calib import {kind} {source.words} {EXAMPLE} -o NEW"
+            f" session elsewhere by `calib import {kind} {source.words} {EXAMPLE} -o NEW`."
         )
 
 
 def _is_made_by_calib(folder: Path) -> bool:
-    return any((place / LEDGER).exists() for place in (folder, folder / "frames"))
+    return (folder / "frames" / LEDGER).exists()
 
 
 def _copy(session: Path, frames: Iterable[tuple[str, bytes]]) -> list[str]:
@@ -432,7 +480,7 @@ def _copy(session: Path, frames: Iterable[tuple[str, bytes]]) -> list[str]:
     if foreign:
         raise InputError(
             f"{foreign[0]} is not a copy that calib fit made: move it elsewhere, or calibrate the"
-            f" session as it is by calib fit {shell_path(session)}"
+            f" session as it is by `calib fit {shell_path(session)}`."
         )
     names: list[str] = []
     for name, data in frames:

@@ -17,6 +17,7 @@ from calib.corners.view import View
 from calib.errors import InputError, harmless
 from calib.io.files import make_folder, write_atomically
 from calib.io.frames_table import NAME, columns, to_csv
+from calib.io.output_folder import OutputFolder
 from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.session.cover import Cover
@@ -24,9 +25,9 @@ from calib.session.session import check_images, read_session, session_from_mappi
 
 COVER = """\
 # Imported by calib import from {source}.
-# The source has no cover: describe yours below in place of "shape: none", and state \
-camera.intrinsics or put pictures of the same camera
-# without its cover into bare/. As it is, the session is a plain camera calibration.
+# The source has no cover. Describe yours by options, such as calib fit SESSION --cover dome
+# --radius 40, or below in place of "shape: none". State camera.intrinsics, or put pictures of the
+# same camera without its cover into bare/. As it is, the session is a plain camera calibration.
 """
 
 
@@ -112,10 +113,8 @@ def _fill(draft: SessionDraft, folder: Path, setup: dict[str, object]) -> int:
     content = {"format": 1, **setup} | ({"corners": "corners.vnl"} if draft.views else {})
     head = COVER.format(source=harmless(draft.source.name))
     head += "".join(f"# {harmless(line)}\n" for line in draft.remarks)
-    write_atomically(
-        folder / "session.yaml",
-        head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120),
-    )
+    text = head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120)
+    OutputFolder(folder).write("session.yaml", text)
     if draft.views:
         write_corners(folder / "corners.vnl", draft.views)
         read_session(folder)

@@ -61,7 +61,7 @@ def estimate_board(
     labels: NDArray[np.int64] | None = None,
 ) -> tuple[CameraModel, JointFit]:
     """Return the model and its fit with the board's bend and, without a cover, with its print, each
-    if the views show it.
+    if the views show it. A target that is not flat has neither.
 
     Args:
         model: a model of a flat and even board.
@@ -73,7 +73,7 @@ def estimate_board(
     """
     if labels is None:
         labels = np.arange(len(observations.names))
-    poses = len(np.unique(labels))
+    poses = len(np.unique(labels)) if board.is_flat else 0
     if poses >= MIN_BEND_VIEWS:
         bend = BoardShape(*board.half, DEGREES[-1])
         model, joint = _with_effect(model, observations, joint, bend, labels)

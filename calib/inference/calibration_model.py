@@ -8,11 +8,13 @@ from calib.calibration import Calibration
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.joint_fit import FIRST_SIGMA, ROUNDS, JointFit, Start
 from calib.estimation.prior_conflict import PRIOR_INFLATION
 from calib.estimation.stated_priors import priors_of, widen_prior
 from calib.estimation.surface_prior import expected_amplitudes
 from calib.optics.relief import AMPLITUDES
 from calib.session.freeing import free_own_intrinsics
+from calib.session.numbers import unknown_names
 
 
 def base_model(calibration: Calibration) -> CameraModel:
@@ -43,6 +45,22 @@ def base_model(calibration: Calibration) -> CameraModel:
 def full_model(calibration: Calibration) -> CameraModel:
     """Return `base_model` with the calibration's effects."""
     return base_model(calibration).with_effects(added.effect for added in calibration.effects)
+
+
+def fit_again(calibration: Calibration, model: CameraModel) -> JointFit:
+    """Fit a model of a calibration, such as `full_model`, to its views.
+
+    The fit starts at the declared values. An unknown number has none, only a usual range, and the
+    fit of the session found its way from there in several steps. So with unknown numbers it starts
+    at the calibration's estimates.
+    """
+    declared = calibration.declared
+    start = None
+    if unknown_names(declared.intrinsics, declared.cover):
+        joint = calibration.outcome.joint
+        start = Start(calibration.model()[1], FIRST_SIGMA, joint.relief_prior if joint else None)
+    poses = torch.from_numpy(calibration.poses)
+    return model.fit(calibration.observations, poses, start, ROUNDS)
 
 
 def without_own_bend(calibration: Calibration) -> Calibration:

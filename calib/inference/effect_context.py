@@ -157,9 +157,10 @@ def _by_probe(fitted: FittedModel) -> Array:
         observations.exposure,
         frozenset({AMPLITUDES}),
     )
-    placement = Placement.of(poses).at_exposure(observations.exposure)
-    landed, failure, landing = path.target.land(trace.rays, placement, joint.values)
-    residual = (weights @ (landed - observations.corners).unsqueeze(-1)).squeeze(-1)
+    boards = Placement.of(poses).at_exposure(observations.exposure)
+    corners, planes = path.planes(observations.corners, boards)
+    landed, failure, landing = path.target.land(trace.rays, planes, joint.values)
+    residual = (weights @ (landed - corners).unsqueeze(-1)).squeeze(-1)
     by = trace.pull(landing.pull(weights.transpose(0, 1))[0])
     derivatives = torch.stack([by[name] for name in PROBES], -1).transpose(0, 1)
     size = residual.norm(dim=-1).clamp_min(HUBER)

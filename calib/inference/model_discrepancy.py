@@ -1,5 +1,5 @@
 """The evidence of a model discrepancy: structure without a known cause, smooth over the board and
-different in every view.
+different in every view. Of a target that is not flat, it is smooth over the picture.
 
 If a model lacks something small in every view, any parameters of single views imitate it, whatever
 they mean. So such parameters must also raise the evidence beside a Gaussian process over the board
@@ -63,7 +63,9 @@ class Discrepancy:
             evidence: that of the linearised corners without a discrepancy.
             own_precision: (B,) the prior precision of the views' own parameters.
         """
-        modes, covariances = board_modes(observations.corners.numpy())
+        corners = observations.corners
+        is_flat = corners.shape[1] == 2
+        modes, covariances = board_modes((corners if is_flat else observations.pixels).numpy())
         by_view = np.split(modes, observations.starts[1:-1].numpy())
         likelihood = DiscrepancyLikelihood(
             evidence,

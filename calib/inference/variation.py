@@ -12,7 +12,9 @@ from calib.effects.board_scale import BoardScale
 from calib.effects.effect import Effect, EffectContext
 from calib.effects.registry import EFFECTS, OF_VIEW
 from calib.effects.varying import Varying
-from calib.inference.varying_numbers import Group, VariationKind
+from calib.inference.varying_numbers import TWO, Group, VariationKind
+from calib.session.parameter_names import COVER
+from calib.session.shapes.layer import WATER, medium_word
 
 Array = NDArray[np.float64]
 
@@ -60,7 +62,7 @@ class Variation:
         whose bend differs gets one of its own in every view.
         """
         name = self.group.name
-        flexes = name == BoardFlex.name and VariationKind.EACH in self.group.kinds
+        flexes = name == BoardFlex.name and self.group.kinds != TWO  # else it was turned
         each = flexes or self.kind is VariationKind.EACH
         for kind in (*EFFECTS, *OF_VIEW):
             if each and kind.varies and kind.name == name:
@@ -69,7 +71,16 @@ class Variation:
             return ()
         end = self.next_state
         pattern = self.pattern - (0.0 if end is None else self.pattern[end])
+        if self.group.is_medium:
+            stated = medium_word(float(context.values[COVER.outside_index]))
+            pattern = self._wet.astype(np.float64) - float(stated == WATER)
         return (Varying(name, self.kind.varies, self.group.number_names, tuple(pattern.tolist())),)
+
+    @property
+    def _wet(self) -> NDArray[np.bool_]:
+        """(V,) whether each view is in the medium of the higher index, if the media differ."""
+        indices = self.deviations[:, 0]
+        return np.asarray(indices > (indices.min() + indices.max()) / 2)
 
     def penalised(self, penalty: float) -> Variation:
         """Return the best of several variants with the penalty for trying them."""

@@ -17,14 +17,13 @@ Sources: N. M. Laird, J. H. Ware, Random-effects models for longitudinal data (1
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded, lapack, solve_triangular
+from scipy.linalg import solve_triangular
 
 from calib.estimation.normal_equations import ReducedProducts
 from calib.inference.model_discrepancy import Discrepancy
@@ -38,8 +37,12 @@ MOTIONS = ((1.0, 0.0), (1.0, 0.1), (1.0, 0.3), (1.0, 1.0), (0.3, 1.0), (0.1, 1.0
 """Ratios of the spreads of a board's turn and move, each over its tolerance."""
 ROUNDING = 1e-10
 """The part of a column's information that rounding errors may take."""
-MIN_TRIDIAGONAL = 200
-"""The size of a matrix from which its tridiagonal form is faster than its eigenvectors."""
+MIN_LOW_RANK = 2
+"""The deviations over the shared parameters from which Woodbury's form is faster than
+eigenvectors.
+"""
+MOVED_TOGETHER = 64
+"""The number of views of which it is computed at once whether one should move to the other kind."""
 MAX_PASSES = 5
 """The largest number of passes over the views that move one view to the other kind."""
 
@@ -97,23 +100,18 @@ class VariationEquations:
         """Return the equations of the deviations of one group's numbers."""
         columns = self.rows.columns(group)
         moved = self.products @ columns  # (V, n + 1, G)
-        diagonal = columns.T @ moved
-        count, size = diagonal.shape[:2]
-        response = self._response(moved)
-        information = -response.T @ response
-        for view in range(count):
-            place = slice(view * size, (view + 1) * size)
-            information[place, place] += diagonal[view]
-        score = moved[:, -1].ravel() - response.T @ self._whitened
-        return GroupEquations(group, information, score, self._cost, self.freedom, size)
+        coupling = self._coupling(moved)
+        score = moved[:, -1] - self._whitened @ coupling
+        return GroupEquations(group, columns.T @ moved, coupling, score, self._cost, self.freedom)
 
-    def _response(self, moved: Array) -> Array:
-        """Return (S, V G) the whitened coupling of the shared parameters to the deviations of the
+    def _coupling(self, moved: Array) -> Array:
+        """Return (V, S, G) the whitened coupling of the shared parameters to the deviations of the
         numbers of (V, n + 1, G) products.
         """
         count, _, size = moved.shape
         cross = moved[:, self.rows.shared].transpose(1, 0, 2).reshape(-1, count * size)
-        return np.asarray(solve_triangular(self._root, cross, lower=True))
+        whitened = solve_triangular(self._root, cross, lower=True)
+        return np.asarray(whitened.reshape(-1, count, size).transpose(1, 0, 2))
 
     @cached_property
     def _reduced(self) -> Array:
@@ -150,7 +148,8 @@ class VariationEquations:
     def solution_with(self, variation: Variation) -> Array:
         """Return the same (S,) solution for the deviations of a variation."""
         moved = self.products @ self.rows.columns(variation.group)
-        score = self._whitened + self._response(moved) @ variation.deviations.ravel()
+        moves = self._coupling(moved) @ variation.deviations[:, :, None]
+        score = self._whitened + moves.sum(0)[:, 0]
         return -np.asarray(np.linalg.solve(self._root.T, score))
 
     def shift(self, variation: Variation) -> Array:
@@ -195,21 +194,28 @@ class GroupEquations:
     """
 
     group: Group
-    information: Array
-    """(V G, V G), view by view."""
+    diagonal: Array
+    """(V, G, G) their information if all shared parameters were certain."""
+    coupling: Array
+    """(V, S, G) the whitened shared parameters' part in it: the (V G, V G) information is the
+    diagonal blocks less C^T C, with the (S, V G) coupling C of all views.
+    """
     score: Array
-    """(V G,)"""
+    """(V, G)"""
     cost: float
     """The sum of squares without any deviation."""
     freedom: int
     """The degrees of freedom of that sum."""
-    size: int
-    """The number of the group's numbers."""
 
     @property
     def count(self) -> int:
         """The number of views."""
-        return len(self.score) // self.size
+        return len(self.score)
+
+    @property
+    def size(self) -> int:
+        """The number of the group's numbers."""
+        return int(self.score.shape[1])
 
     def variations(self, patterns: Mapping[VariationKind, Sequence[Array]]) -> Iterator[Variation]:
         """Yield the most probable variation of each possible kind.
@@ -234,39 +240,53 @@ class GroupEquations:
             sides = [np.repeat(ratio, 3) for ratio in MOTIONS]
         fitted = [(*self._of_each(side), side) for side in sides]
         gain, spread, deviations, side = max(fitted, key=lambda fit: fit[0])
-        sizes = (np.tile(side, self.count) * deviations).reshape(self.count, -1)
-        return Variation(self.group, VariationKind.EACH, gain, spread * side, sizes, np.zeros(0))
+        return Variation(
+            self.group, VariationKind.EACH, gain, spread * side, deviations * side, np.zeros(0)
+        )
 
     def _of_each(self, side: Array) -> tuple[float, float, Array]:
         """Return the largest gain by deviations of each view's own with spreads of these (G,)
-        ratios, their spread, and the (V G,) deviations over the ratios.
+        ratios, their spread, and the (V, G) deviations over the ratios.
         """
-        sides = np.tile(side, self.count)
-        places = np.flatnonzero(sides)
-        chosen = sides[places]
-        information = chosen[:, None] * self.information[np.ix_(places, places)] * chosen
-        score = chosen * self.score[places]
-        gain, spread, sizes = self._largest_gain(information, score)
-        deviations = np.zeros(len(sides))
-        deviations[places] = sizes
-        return gain, spread, deviations
-
-    def _largest_gain(self, information: Array, score: Array) -> tuple[float, float, Array]:
-        """Return what `_largest_gains` does for one matrix."""
-        if len(score) >= MIN_TRIDIAGONAL:
-            with suppress(np.linalg.LinAlgError):  # rounding errors may make it indefinite
-                return self._of_many(Tridiagonal.of(information), score)
-        (gain,), (spread,), (deviations,) = self._largest_gains(information[None], score[None])
+        chosen = np.flatnonzero(side)
+        ratios = side[chosen]
+        diagonal = self.diagonal[:, chosen[:, None], chosen] * np.outer(ratios, ratios)
+        coupling = self.coupling[:, :, chosen] * ratios
+        score = self.score[:, chosen] * ratios
+        deviations = np.zeros(self.score.shape)
+        if score.size > MIN_LOW_RANK * coupling.shape[1]:
+            gain, spread, deviations[:, chosen] = self._of_many(diagonal, coupling, score)
+            return gain, spread, deviations
+        information = _information(diagonal, coupling)
+        (gain,), (spread,), (sizes,) = self._largest_gains(information[None], score.reshape(1, -1))
+        deviations[:, chosen] = sizes.reshape(score.shape)
         return float(gain), float(spread), deviations
 
-    def _of_many(self, information: Tridiagonal, score: Array) -> tuple[float, float, Array]:
-        """Return what `_largest_gains` does for one large matrix."""
-        turned = information.turn(score)
-        solutions = [information.solve(spread**2, turned) for spread in SPREADS]
-        explained = SPREADS**2 * [turned @ solution for solution, _ in solutions]
-        gains = self._gains(np.array([determinant for _, determinant in solutions]), explained)
+    def _of_many(
+        self, diagonal: Array, coupling: Array, score: Array
+    ) -> tuple[float, float, Array]:
+        """Return what `_largest_gains` does for one matrix that is much larger than the number of
+        shared parameters. Its inverse is that of the blocks and a correction of low rank (M. A.
+        Woodbury, Inverting modified matrices, 1950), so that the time is linear in the views.
+        """
+        sizes, axes = np.linalg.eigh(diagonal)
+        sizes = sizes.clip(0).ravel()
+        projected = (score[:, None] @ axes).ravel()
+        low_rank = (coupling @ axes).transpose(1, 0, 2).reshape(-1, score.size)
+        determinants, explained, solutions = [], [], []
+        for spread in SPREADS:
+            growth = 1 + spread**2 * sizes
+            weight = spread**2 / growth
+            scaled = low_rank * weight
+            root = np.linalg.cholesky((1 + ROUNDING) * np.eye(len(scaled)) - scaled @ low_rank.T)
+            correction = solve_triangular(root, scaled @ projected, lower=True)
+            determinants.append(np.log(growth).sum() + 2 * np.log(root.diagonal()).sum())
+            explained.append(weight @ projected**2 + correction @ correction)
+            back = solve_triangular(root, correction, lower=True, trans="T")
+            solutions.append(weight * projected + back @ scaled)
+        gains = self._gains(np.array(determinants), np.array(explained))
         best = int(gains.argmax())
-        deviations = information.turn(-(SPREADS[best] ** 2) * solutions[best][0], back=True)
+        deviations = -(axes @ solutions[best].reshape(*score.shape, 1))[:, :, 0]
         return float(gains[best]), float(SPREADS[best]), deviations
 
     def gain(self, variation: Variation) -> float:
@@ -296,16 +316,18 @@ class GroupEquations:
         """
         view = 0
         while view < self.count:
-            moved = (best.pattern > 0) ^ np.eye(self.count, dtype=bool)[view:]
+            next_views = np.arange(view, min(view + MOVED_TOGETHER, self.count))
+            moved = (best.pattern > 0) ^ np.eye(self.count, dtype=bool)[next_views]
             first_kind = moved.sum(1)
             patterns = centred_pattern(moved)
             gains = self._gains_following(patterns)[0]
             gains[np.minimum(first_kind, self.count - first_kind) < MIN_BLOCK] = -np.inf
             better = np.flatnonzero(gains > best.gain)
-            if not better.size:
-                break
-            best = self.following(best.kind, patterns[better[0]])
-            view += int(better[0]) + 1
+            if better.size:
+                best = self.following(best.kind, patterns[better[0]])
+                view += int(better[0]) + 1
+            else:
+                view += len(next_views)
         return best
 
     def best_following(self, kind: VariationKind, patterns: Array) -> Variation:
@@ -320,10 +342,10 @@ class GroupEquations:
 
     def _gains_following(self, patterns: Array) -> tuple[Array, Array, Array]:
         """Return `_largest_gains` of deviations that follow each of the (P, V) patterns."""
-        shape = (len(patterns), self.size, self.count, self.size)
-        moved = (patterns @ self.information.reshape(self.count, -1)).reshape(shape)
-        information = np.einsum("pgvh,pv->pgh", moved, patterns)
-        return self._largest_gains(information, patterns @ self.score.reshape(self.count, -1))
+        diagonal = np.tensordot(patterns**2, self.diagonal, 1)  # (P, G, G)
+        coupling = np.tensordot(patterns, self.coupling, 1)  # (P, S, G)
+        information = diagonal - coupling.transpose(0, 2, 1) @ coupling
+        return self._largest_gains(information, patterns @ self.score)
 
     def _largest_gains(self, information: Array, score: Array) -> tuple[Array, Array, Array]:
         """Return (P,) the largest gains in log evidence by (P, k) deviations of one spread, (P,)
@@ -349,42 +371,17 @@ class GroupEquations:
         return np.asarray(-(log_determinant + self.freedom * log_ratio) / 2)
 
 
-@dataclass(frozen=True, eq=False)
-class Tridiagonal:
-    """A symmetric (N, N) matrix A = Q T Q^T with a tridiagonal T: what is asked of A for many
-    spreads costs a third of its eigenvectors.
-
-    Source: G. H. Golub, C. F. Van Loan, Matrix computations (2013), section 8.3.1.
+def _information(diagonal: Array, coupling: Array) -> Array:
+    """Return the (V G, V G) information, view by view, of (V, G, G) blocks and their (V, S, G)
+    coupling.
     """
-
-    bands: Array
-    """(2, N) diagonal of T, and the one below it."""
-    reflectors: Array
-    """(N - 1, N - 1) LAPACK's reflectors, whose product is Q without its first row and column."""
-    factors: Array
-    """(N - 1,) their factors."""
-
-    @staticmethod
-    def of(matrix: Array) -> Tridiagonal:
-        """Reduce a matrix."""
-        size = int(lapack.dsytrd_lwork(len(matrix), lower=1)[0])
-        reduced, diagonal, below, factors, _ = lapack.dsytrd(matrix, lower=1, lwork=size)
-        bands = np.stack([diagonal, np.append(below, 0.0)])
-        return Tridiagonal(bands, np.asfortranarray(reduced[1:, :-1]), factors)
-
-    def turn(self, vector: Array, *, back: bool = False) -> Array:
-        """Return (N,) Q^T times a vector; with `back`, Q times it."""
-        turned, _, _ = lapack.dormqr(
-            "L", "N" if back else "T", self.reflectors, self.factors, vector[1:, None], 64
-        )
-        return np.append(vector[:1], turned[:, 0])
-
-    def solve(self, variance: float, right: Array) -> tuple[Array, float]:
-        """Return the (N,) solution of (I + variance T) x = right, and the log determinant."""
-        bands = variance * self.bands
-        bands[0] = 1 + bands[0]
-        factor = cholesky_banded(bands, lower=True)
-        return cho_solve_banded((factor, True), right), 2 * float(np.log(factor[0]).sum())
+    count, size = diagonal.shape[:2]
+    low_rank = coupling.transpose(1, 0, 2).reshape(-1, count * size)
+    information = -low_rank.T @ low_rank
+    blocks = information.reshape(count, size, count, size)
+    views = np.arange(count)
+    blocks[views, :, views] += diagonal
+    return information
 
 
 def _divisions(deviations: Array) -> Array:

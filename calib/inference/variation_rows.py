@@ -173,7 +173,9 @@ def _probes(model: CameraModel, context: EffectContext) -> list[Effect]:
     """Return effects whose parameters may differ from view to view and that the model lacks."""
     present = {effect.name for effect in model.effects if not effect.varies}
     half = context.board.half
-    probes: list[Effect] = [LensEffect(), BoardShape(*half), BoardScale(True, half=half)]
+    probes: list[Effect] = [LensEffect()]
+    if context.board.is_flat:
+        probes += [BoardShape(*half), BoardScale(True, half=half)]
     if not model.path.shutter:
         probes.append(RollingShutter())
     return [probe for probe in probes if probe.name not in present]
@@ -189,7 +191,7 @@ def _completed(model: CameraModel) -> CameraModel:
         for print_ in target.prints
     ]
     bends = [
-        replace(bend, degree=max(bend.degree, BEND_DEGREES[1]))
+        replace(bend, degree=max(bend.degree, BEND_DEGREES[-1]))
         if isinstance(bend, BoardShape)
         else bend
         for bend in target.bends

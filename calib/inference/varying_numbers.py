@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.effects.board_flex import BoardFlex
-from calib.effects.board_polynomials import term_name, terms_of_degrees
 from calib.effects.board_scale import DEGREES as PRINT_DEGREES
 from calib.effects.board_scale import SHEAR, STRETCH, BoardScale
 from calib.effects.board_shape import DEGREES as BEND_DEGREES
 from calib.effects.board_shape import BoardShape
 from calib.effects.effect import EACH_VIEW, EffectContext, EffectParameter
 from calib.effects.lens import UNKNOWNS as BROWN_TERMS
+from calib.effects.refractive_index import RefractiveIndex
 from calib.effects.varying import (
     ALTERNATING,
     FOCAL_LENGTH,
@@ -29,8 +29,9 @@ from calib.effects.varying import (
 )
 from calib.inference.fitted_model import FittedModel
 from calib.optics import rotation
+from calib.optics.board_polynomials import Term, bend_sigma, term_name, terms_of_degrees
 from calib.session.board import Board
-from calib.session.parameter_names import CAMERA, number_of
+from calib.session.parameter_names import CAMERA, COVER, number_of
 from calib.session.shapes.registry import find_dimension
 from calib.session.tolerances import BOARD_FLEX
 
@@ -107,6 +108,11 @@ class Group:
         return tuple(number.param.name for number in self.numbers)
 
     @property
+    def is_medium(self) -> bool:
+        """True if the views are in air and in water."""
+        return self.number_names == (COVER.outside_index,)
+
+    @property
     def has_cause(self) -> bool:
         """True if a known cause changes its numbers."""
         return self.name not in NAMELESS
@@ -127,24 +133,33 @@ def groups_of(context: EffectContext) -> tuple[Group, ...]:
     focal = varying_number(FOCAL_LENGTH)
     centre = tuple(map(varying_number, CAMERA.centre))
     radial = replace(varying_number(RADIAL_CHANGE), shifts=(RADIAL_CHANGE,))
-    bend = tuple(
-        EffectParameter.of(name, BOARD_FLEX, (f"board_shape.{name}",))
-        for name in ("xx", "xy", "yy")
-    )
+    bends = tuple(map(_bend, terms_of_degrees(BEND_DEGREES)))
+    first_bends = tuple(map(_bend, terms_of_degrees(BEND_DEGREES[:1])))
     scale = tuple(replace(number, shifts=(number.param.name,)) for number in (STRETCH, SHEAR))
     brown = tuple(replace(number, shifts=(number.param.name,)) for number in BROWN_TERMS)
+    groups = [
+        Group(BoardFlex.name, bends, (VariationKind.EACH,)),
+        Group(BoardFlex.name, first_bends, (*TIME, *TWO, VariationKind.TILT)),
+        *([] if context.board.coding else [turned_board(context.board)]),
+        Group("board_scale", scale, (*TIME, *TWO)),
+    ]
     rolling = not context.path.shutter and (not context.shutter or context.shutter.rolling)
     return (
         Group("focal", (focal,), (VariationKind.EACH, *TIME, *TWO, VariationKind.NEARNESS)),
         Group("principal_point", centre, (VariationKind.EACH, *TIME, *TWO, VariationKind.NEARNESS)),
         Group("lens", (focal, *centre, radial), (VariationKind.STEP, *TWO, VariationKind.NEARNESS)),
         *_cover_groups(context),
-        Group("board_flex", bend, (VariationKind.EACH, *TIME, *TWO, VariationKind.TILT)),
-        *([] if context.board.coding else [turned_board(context.board)]),
-        Group("board_scale", scale, (*TIME, *TWO)),
+        *(groups if context.board.is_flat else []),
         *([Group("rolling_shutter", (), (VariationKind.EACH,))] if rolling else []),
         Group(DISTORTION, brown, (VariationKind.EACH, *TIME, VariationKind.NEARNESS)),
     )
+
+
+def _bend(term: Term) -> EffectParameter:
+    """Return the deviation of a term of the board's bend from that of the other views."""
+    name = term_name(term)
+    number = EffectParameter.of(name, BOARD_FLEX, (f"{BoardShape.name}.{name}",))
+    return replace(number, sigma=bend_sigma(BOARD_FLEX.sigma, term))
 
 
 def turned_board(board: Board) -> Group:
@@ -180,6 +195,9 @@ def _cover_groups(context: EffectContext) -> Iterator[Group]:
     for effect, members in numbers.items():
         moves = effect in ("cover_offset", "cover_tilt")
         yield Group(effect, tuple(members), TIME if moves else (*TIME, *TWO))
+    if COVER.outside_index in context.values:
+        medium = (varying_number(COVER.outside_index),)
+        yield Group(RefractiveIndex.name, medium, (VariationKind.STEP, *TWO))
 
 
 def patterns_of(fitted: FittedModel) -> Mapping[VariationKind, Sequence[Array]]:

@@ -1,5 +1,7 @@
-"""What differs from view to view, beside everything that all views share and beside structure of no
-cause.
+"""Find the numbers, such as the focal length, that differ from view to view.
+
+A number counts only if it explains more than a smooth error of each view's own, for which there is
+no cause: the *discrepancy* of the model.
 """
 
 from __future__ import annotations
@@ -28,15 +30,15 @@ from calib.inference.varying_numbers import (
 MAX_DEVIATION = 3.0
 """Tolerances, root mean square: numbers that differ by more are not possible."""
 MAX_REFINED = 4
-"""The number of variations that the heights of a discrepancy are chosen beside."""
+"""The number of the best variations beside which the discrepancy is estimated again."""
 MIN_GAIN = 7.0
 """The smallest gain in log evidence that is reported: some sixty variations are tried."""
 MIN_EXPLAINED = 0.75
-"""The part of the log evidence of structure of no cause that numbers explain by themselves, from
-which they may have a name. A motion explains at most 0.64 of a vibration of each view's own.
+"""The part of the log evidence of the discrepancy that numbers must explain alone to have a name. A
+motion explains at most 0.64 of a vibration of each view's own.
 """
 MIN_VIEWS = 8
-"""The fewest views of which it is asked."""
+"""With fewer views, nothing is tested."""
 
 
 def find_variations(
@@ -50,18 +52,18 @@ def find_variations(
     """Return what differs from view to view, the most probable first.
 
     If a model lacks something in single views, any numbers of single views imitate it. So the gain
-    of a variation is its increase of the log evidence over a model with a discrepancy of no cause
-    (calib.inference.model_discrepancy), whose heights are chosen again beside the variation. The
-    discrepancy is smooth, and what the model lacks may not be. Numbers that follow a part of it
-    have a gain beside the rest. So the numbers by themselves must also explain most of what the
-    discrepancy by itself does. If none do, the structure has no name.
+    of a variation is its increase of the log evidence over a model with a discrepancy
+    (calib.inference.model_discrepancy), which is estimated again beside the variation. The
+    discrepancy is smooth, and what the model lacks may not be: then numbers that follow a part of
+    it have a gain as well. So the numbers alone must also explain most of what the discrepancy
+    alone explains. If none do, what differs has no name.
 
     Args:
         fitted: a model at its optimum.
         shared: kinds of effects that all views share, which explain what they can where the model
             lacks them.
-        nameless: allow for structure of no cause to explain more. Without it, numbers that imitate
-            what the model lacks are returned too.
+        nameless: allow for a discrepancy. Without it, numbers that imitate what the model lacks are
+            returned too.
         about: the only group of which it matters whether its numbers differ. Nothing is returned if
             it explains too little by itself to have a name, which takes a third of the time.
     """

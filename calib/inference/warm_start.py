@@ -18,7 +18,7 @@ from torch import Tensor
 
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.covariance import regression
-from calib.estimation.joint_fit import ROUGH_ROUNDS, JointFit, Start
+from calib.estimation.joint_fit import ROUGH_ROUNDS, Estimate, JointFit, Start
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refine_poses_in_image, rough_poses
 from calib.estimation.residuals import residuals
@@ -86,7 +86,7 @@ def _cost(model: CameraModel, start: Start, joint: JointFit, observations: Obser
     return problem.inner_step(poses.new_zeros(parameters.count), poses)[1]
 
 
-def start_with_effect(model: CameraModel, observations: Observations, joint: JointFit) -> JointFit:
+def start_with_effect(model: CameraModel, observations: Observations, joint: Estimate) -> Estimate:
     """Return a fit of the model without its last effect, moved to the start of a fit with it.
 
     It is unchanged if the effect starts at its neutral value, or was already fitted.
@@ -111,7 +111,7 @@ def start_with_effect(model: CameraModel, observations: Observations, joint: Joi
     return replace(joint, values=values, poses=poses)
 
 
-def rough_fit(model: CameraModel, observations: Observations, joint: JointFit) -> JointFit:
+def rough_fit(model: CameraModel, observations: Observations, joint: Estimate) -> JointFit:
     """Fit the model roughly, from a fit without its last effect."""
     start = start_with_effect(model, observations, joint)
     return model.fit(observations, start.poses, start.start, ROUGH_ROUNDS)

@@ -10,9 +10,10 @@ from calib.corners.view import MISFIT, RejectedPicture, View, describe_most, pos
 from calib.errors import NotEnoughDataError
 from calib.estimation.robust import outlier_mask
 from calib.intrinsics.advice import NO_FIT_OF_POINTS, TILT, NoFitError
-from calib.intrinsics.flat_views import refine_with_profile, spread_deg
+from calib.intrinsics.flat_views import refine_with_profile
 from calib.intrinsics.lens_choice import choose_lens, fit_choice
 from calib.intrinsics.opencv_fit import OpenCVFit
+from calib.intrinsics.spatial_target import has_depth, split_views, spread_deg
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
@@ -70,7 +71,10 @@ def _calibrate(views: Sequence[View], board: Board, camera: Camera, progress: Pr
     rejected = list(poseless)
     _check_enough(inliers, rejected, board)
     size = camera.width, camera.height
-    choice = choose_lens(inliers, board, camera, progress)
+    parts = split_views(inliers)
+    choice = choose_lens(parts, board, camera, progress)
+    if len(parts) > len(inliers):
+        choice = replace(choice, solved={})
     advance = progress.task("Intrinsics", 1)
     while True:
         solved = fit_choice(choice, inliers, board, size)
@@ -95,7 +99,7 @@ def _calibrate(views: Sequence[View], board: Board, camera: Camera, progress: Pr
         _check_enough(inliers, rejected, board)
     if solved.rms > MAX_ERROR * max(size):
         raise NoFitError()
-    spread = spread_deg(solved.poses)
+    spread = spread_deg(solved.poses, inliers, board)
     if spread < MIN_SPREAD_DEG:
         raise NotEnoughDataError(
             f"All views without the cover show the board at the same angle, within {spread:.1f}"
@@ -120,7 +124,7 @@ def _calibrate(views: Sequence[View], board: Board, camera: Camera, progress: Pr
 
 def _check_enough(views: Sequence[View], rejected: Sequence[RejectedPicture], board: Board) -> None:
     poses = len(set(pose_labels(views).tolist()))
-    if poses < MIN_BARE_POSES:
+    if poses < MIN_BARE_POSES and not any(has_depth(view, board) for view in views):
         pose_count = f" of {poses} poses of the board" if poses < len(views) else ""
         raise NotEnoughDataError(
             f"Intrinsics need {MIN_BARE_POSES} usable views without the cover, each of a pose of"

@@ -40,7 +40,7 @@ def intrinsics_covariance(
         NotEnoughDataError: the views do not determine one of them.
     """
     count = 4 + len(coefficients)
-    points = np.column_stack([board.points(), np.zeros(board.count)])
+    points = board.points_in_space()
     jacobian = []
     squares = 0.0
     for view, pose in zip(views, poses, strict=True):

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +16,7 @@ from calib.intrinsics.covariance import freedom, intrinsics_covariance, widen_al
 from calib.intrinsics.focal_profile import MAX_RATIO, profile_focal_length
 from calib.intrinsics.opencv_fit import OpenCVFit
 from calib.intrinsics.opencv_lens import fit_opencv, refine_opencv
+from calib.intrinsics.spatial_target import spread_deg
 from calib.session.board import Board
 
 FLAT_DEG = 40.0
@@ -39,12 +39,6 @@ below it, the error is a parabola.
 """
 
 
-def spread_deg(poses: NDArray[np.float64]) -> float:
-    """Return the degrees between the two most different normals of boards at (V, 6) poses."""
-    normals = np.array([cv2.Rodrigues(pose[:3])[0][:, 2] for pose in poses])
-    return float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1, 1))))
-
-
 def best_of_starts(
     views: Sequence[View],
     board: Board,
@@ -58,7 +52,7 @@ def best_of_starts(
     fits of the same views, by their numbers of coefficients.
     """
     solved = fit_opencv(views, board, size, count, earlier=earlier)
-    if spread_deg(solved.poses) >= FLAT_DEG:
+    if spread_deg(solved.poses, views, board) >= FLAT_DEG:
         return solved
     candidates = []
     for ratio in STARTS:

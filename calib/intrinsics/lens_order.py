@@ -26,12 +26,13 @@ from calib.estimation.observations import Observations
 from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
 from calib.inference.cross_validation import Split, fold_split, hold_out
-from calib.intrinsics.flat_views import FLAT_DEG, spread_deg
+from calib.intrinsics.flat_views import FLAT_DEG
 from calib.intrinsics.held_out_views import MIN_LENS_IMPROVEMENT
 from calib.intrinsics.opencv_fit import OpenCVFit
 from calib.intrinsics.opencv_lens import PRISM_COUNT, refine_opencv
 from calib.intrinsics.ray_lens import PLAIN
 from calib.intrinsics.ray_lens_fit import fit_lens
+from calib.intrinsics.spatial_target import spread_deg
 from calib.optics.build import pinhole_path
 from calib.progress import Progress
 from calib.session.board import Board
@@ -143,7 +144,7 @@ def choose_order(
             earlier = next(reversed(opencv.values()), None)
             opencv[count] = refine_opencv(views, board, size, count, earlier)
             advance(len(opencv), "")
-    tilted = spread_deg(opencv[RATIONAL_COUNT].poses) >= FLAT_DEG
+    tilted = spread_deg(opencv[RATIONAL_COUNT].poses, views, board) >= FLAT_DEG
     observations = Observations.of(views, board)
     folds = fold_split(pose_labels(views))
     held_out: dict[str, float] = {}
@@ -221,7 +222,7 @@ def _fit(
     """
     begin, poses = start
     model = _model(name, float(begin.values[CAMERA.fx]), size)
-    if board:
+    if board and board.is_flat:
         model = model.with_effect(BoardShape(*board.half, DEGREES[0]))
     joint = model.fit(observations, poses, begin, ROUNDS)
     image = residuals(model.path, joint.values, observations, joint.poses).image

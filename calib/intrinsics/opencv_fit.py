@@ -65,7 +65,7 @@ class OpenCVFit:
         return np.array([self._error(view, board) for view in views])
 
     def _error(self, view: View, board: Board) -> float:
-        points = np.column_stack([board.points(), np.zeros(board.count)])[view.seen]
+        points = board.points_in_space()[view.seen]
         pixels = view.corners[view.seen]
         try:
             has_pose, rotvec, translation = cv2.solvePnP(

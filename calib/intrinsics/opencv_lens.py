@@ -13,6 +13,7 @@ import numpy as np
 from calib.corners.view import View
 from calib.intrinsics.advice import NoFitError
 from calib.intrinsics.opencv_fit import OpenCVFit
+from calib.intrinsics.spatial_target import find_focal
 from calib.session.board import Board
 from calib.session.lens import COEFFICIENTS
 
@@ -77,7 +78,7 @@ def refine_opencv(
         from calib.intrinsics.tilted_sensor import fit_tilted_sensor
 
         return fit_tilted_sensor(views, board, start, focal)
-    points = np.column_stack([board.points(), np.zeros(board.count)]).astype(np.float32)
+    points = board.points_in_space().astype(np.float32)
     objects = [points[view.seen] for view in views]
     pixels = [view.corners[view.seen].astype(np.float32) for view in views]
     coefficients = np.zeros(max(5, count))
@@ -90,7 +91,9 @@ def refine_opencv(
         else np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
     )
     camera[:2, 2] = np.clip(camera[:2, 2], 1, np.array(size) - 2)  # OpenCV refuses other starts
-    guess = cv2.CALIB_USE_INTRINSIC_GUESS if start or focal else 0
+    guess = 0 if board.is_flat and not (start or focal) else cv2.CALIB_USE_INTRINSIC_GUESS
+    if not (start or focal or board.is_flat):
+        camera[[0, 1], [0, 1]] = find_focal(board.points(), views, size)[0]
     if focal:
         camera[:2, :2] *= focal / camera[0, 0]
         guess |= cv2.CALIB_FIX_FOCAL_LENGTH

@@ -32,6 +32,7 @@ from calib.io.encoded_picture import (
     tiff_pages,
 )
 from calib.io.files import read_file
+from calib.io.shell import shell_path
 from calib.io.videos import OTHER_VIDEOS, VIDEOS
 
 SUFFIXES = (
@@ -42,6 +43,8 @@ SIXTEEN_BIT = (".png", ".tif", ".tiff", ".npy", ".pgm", ".ppm", ".pnm")
 """The suffixes of files that can hold uint16."""
 TYPES = "png, jpg, tiff, bmp, webp, pgm, ppm or npy"
 """The types of picture files, in the words of messages."""
+CONVERTIBLE = (".heic", ".heif", ".avif", ".gif", ".jp2", ".jxl", ".dng")
+"""Suffixes of pictures that other programs convert to a type that is read."""
 OTHER_PICTURES = (
     *(".heic", ".heif", ".avif", ".gif", ".jp2", ".jxl", ".exr", ".hdr", ".pbm", ".raw"),
     *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw"),
@@ -117,6 +120,24 @@ def list_unread(folder: Path) -> tuple[Path, ...]:
     except OSError:  # list_images says it
         return ()
     return tuple(sorted((p for p in paths if not p.name.startswith(".")), key=_natural_key))
+
+
+def conversion(files: Path | str) -> str:
+    """Return a clause with the command that converts pictures of another type.
+
+    Args:
+        files: their path, or a pattern; it is quoted, but for a * in it.
+    """
+    words = "*".join(shell_path(piece) if piece else "" for piece in str(files).split("*"))
+    return f"convert them, such as by `mogrify -format png {words}` (of ImageMagick)"
+
+
+def conversion_of_unread(folder: Path) -> str:
+    """Return the clause of `conversion` for the pictures of another type in a folder; "" if it has
+    none that other programs convert.
+    """
+    convertible = [path for path in list_unread(folder) if path.suffix.lower() in CONVERTIBLE]
+    return conversion(folder / f"*{convertible[0].suffix}") if convertible else ""
 
 
 def read_image(path: Path) -> Image:

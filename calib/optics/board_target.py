@@ -8,7 +8,8 @@ shutter moves the board line by line. Glass before a screen's pixels bends the r
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from typing import Protocol
 
 import torch
@@ -17,6 +18,7 @@ from torch import Tensor
 from calib.optics import rotation
 from calib.optics.derivatives import ByName, ByRay, by_autograd
 from calib.optics.exposure import Exposure
+from calib.optics.flex_bend import FLEX_TERMS, FlexBend
 from calib.optics.front_glass import FLATTEST, FrontGlass
 from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Param, Values
@@ -33,11 +35,19 @@ STEP_TOLERANCE = 1e-6
 the square of the step.
 """
 POSE, MOTION, FLEX, FOCAL, CENTRE = "pose", "motion", "flex", "focal", "centre"
-VIEW_BLOCKS = {POSE: 6, MOTION: 6, FLEX: 3, FOCAL: 1, CENTRE: 2}
+VIEW_BLOCKS = {POSE: 6, MOTION: 6, FLEX: len(FLEX_TERMS), FOCAL: 1, CENTRE: 2}
 """The blocks of per-view parameters in their order, and the number of parameters in each.
 
 Every view has a pose; the other blocks are optional, and a view has FOCAL or CENTRE, not both.
 """
+
+
+BLOCKS_OF_SIZE = {
+    sum(VIEW_BLOCKS[block] for block in blocks): blocks
+    for motion, flex, camera in product(((), (MOTION,)), ((), (FLEX,)), ((), (FOCAL,), (CENTRE,)))
+    for blocks in [(POSE, *motion, *flex, *camera)]
+}
+"""The blocks of a view by the number of its parameters, which differs for each choice."""
 
 
 def block_columns(blocks: Iterable[str]) -> dict[str, slice]:
@@ -50,16 +60,8 @@ def block_columns(blocks: Iterable[str]) -> dict[str, slice]:
 
 
 def blocks_of_size(count: int) -> tuple[str, ...]:
-    """Return the blocks of a view that has this many parameters: 6, 9, 12 or 15, and up to two
-    more.
-    """
-    of_board = count - count % 3
-    return (
-        POSE,
-        *([MOTION] if of_board >= 12 else []),
-        *([FLEX] if of_board % 6 else []),
-        *([(FOCAL, CENTRE)[count % 3 - 1]] if count % 3 else []),
-    )
+    """Return the blocks of a view that has this many parameters."""
+    return BLOCKS_OF_SIZE[count]
 
 
 def with_blocks(parameters: Tensor, blocks: Iterable[str]) -> Tensor:
@@ -93,7 +95,7 @@ class Placement:
     """
 
     flex: Tensor | None = None
-    """(..., 3) m: the bend of the board in this view alone, in the terms of `FlexBend`."""
+    """(..., FLEX_TERMS) m: the bend of the board in this view alone."""
 
     @staticmethod
     def of(parameters: Tensor) -> Placement:
@@ -121,6 +123,17 @@ class Placement:
             flex=self.flex,
         )
 
+    def planes(self, points: Tensor, *, is_wide: bool) -> Placement:
+        """Return the placements of planes that face the camera, one through each of (..., 3) m
+        points of the boards, which is its origin. The planes of a wide lens face along the line
+        from the camera to the point, those of other lenses along the camera's axis.
+        """
+        placed = Rotation.of(self.turn).turn(Vector.of(points)).stacked() + self.shift
+        turn = torch.eye(3).to(placed).expand(*placed.shape, 3)
+        if is_wide:
+            turn = rotation.onto_z(placed.detach() / placed.detach().norm(dim=-1, keepdim=True)).mT
+        return Placement(turn, placed)
+
 
 class Bend(Protocol):
     """A deviation of the board's surface from a plane."""
@@ -133,35 +146,6 @@ class Bend(Protocol):
         and its slopes by x and by y. Nobody differentiates the slopes.
         """
         ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FlexBend:
-    """A bend that each view's board has for itself: xx (1 - u^2) + xy u v + yy (1 - v^2)."""
-
-    half: tuple[float, float]
-    """m: half the board's width and height; u = x / half[0], v = y / half[1]."""
-    sizes: Tensor
-    """(..., 3) m: xx, xy, yy of each ray's board."""
-
-    @property
-    def params(self) -> tuple[Param, ...]:
-        return ()
-
-    def height(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor, Tensor]:
-        del values
-        (a, b), (xx, xy, yy) = self.half, self.sizes.unbind(-1)
-        u, v = x / a, y / b
-        return (
-            xx * (1 - u * u) + xy * u * v + yy * (1 - v * v),
-            (xy * v - 2 * xx * u) / a,
-            (xy * u - 2 * yy * v) / b,
-        )
-
-    def weights(self, x: Tensor, y: Tensor) -> Tensor:
-        """Return the (..., 3) derivatives of the height by the three sizes."""
-        u, v = x / self.half[0], y / self.half[1]
-        return torch.stack([1 - u * u, u * v, 1 - v * v], -1)
 
 
 class Print(Protocol):
@@ -270,15 +254,16 @@ class Target:
         self, corners: Tensor, placement: Placement, values: Values, rays: Rays | None = None
     ) -> Tensor:
         """Return the (..., 3) m points in the camera frame of corners at (..., 2) m nominal board
-        coordinates on (...) boards. With (...) rays, return where glass before the board lets the
-        corners appear to them.
+        coordinates on (...) boards, or of (..., 3) m points of targets that are not flat. With
+        (...) rays, return where glass before the board lets the corners appear to them.
         """
-        x, y = corners.unbind(-1)
+        x, y, *heights = corners.unbind(-1)
         for print_ in self.prints:
             shift = print_.shift_corners(corners[..., 0], corners[..., 1], values)
             x, y = x + shift.shift_x, y + shift.shift_y
         z = sum(
-            (bend.height(x, y, values)[0] for bend in self._bends(placement)), torch.zeros_like(x)
+            (bend.height(x, y, values)[0] for bend in self._bends(placement)),
+            heights[0] if heights else torch.zeros_like(x),
         )
         turn = Rotation.of(placement.turn)
         if self.glass and rays:
@@ -343,7 +328,15 @@ class ByPlacement:
     shift: Vector
     """(k, M) per m"""
     flex: Tensor | None
-    """(k, M, 3) per m, if the board bends differently in every view."""
+    """(k, M, FLEX_TERMS) per m, if the board bends differently in every view."""
+
+    def of_board(self, planes: Placement, boards: Placement) -> ByPlacement:
+        """Return the derivatives by the placement of boards, from those by that of the planes
+        through their points (`Path.planes`): a turn of the board moves the points alone.
+        """
+        if planes is boards:
+            return self
+        return replace(self, turn=Vector.of(planes.shift - boards.shift).cross(self.shift))
 
 
 @dataclass(frozen=True, slots=True)

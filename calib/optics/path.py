@@ -370,8 +370,34 @@ class Path:
         """Return the (..., 2) m nominal board coordinates where the rays of (..., 2) px land, and
         (...) uint8 failures. `poses` are the (..., B) view parameters of the boards, pose first.
         """
+        return self.land_beside(torch.zeros_like(pixels), pixels, values, poses, exposure)
+
+    def land_beside(
+        self,
+        corners: Tensor,
+        pixels: Tensor,
+        values: Values,
+        poses: Tensor,
+        exposure: Exposure | None,
+    ) -> tuple[Tensor, Tensor]:
+        """Return the (..., 2) m from corners, as `planes` takes them, to where the rays of (..., 2)
+        px land in their planes, and (...) uint8 failures.
+        """
         rays = self.trace(pixels, self.values_of_views(values, poses), exposure)
-        return self.target(rays, Placement.of(poses).at_exposure(exposure), values)
+        corners, planes = self.planes(corners, Placement.of(poses).at_exposure(exposure))
+        landed, failure = self.target(rays, planes, values)
+        return landed - corners, failure
+
+    def planes(self, corners: Tensor, boards: Placement) -> tuple[Tensor, Placement]:
+        """Return the (..., 2) m coordinates of corners in the planes where their rays land, and the
+        placements of these planes.
+
+        Corners at (..., 2) m lie in their board's plane. A target with (..., 3) m points is not
+        flat: each point has a plane of its own, as a plane of the target may be seen edge-on.
+        """
+        if corners.shape[-1] == 2:
+            return corners, boards
+        return torch.zeros_like(corners[..., :2]), boards.planes(corners, is_wide=self.lens.wide)
 
     def place(
         self,
@@ -381,7 +407,7 @@ class Path:
         exposure: Exposure | None,
         rays: Rays | None = None,
     ) -> Tensor:
-        """Return the (..., 3) m points in the camera frame of (..., 2) m board coordinates, on
+        """Return the (..., 3) m points in the camera frame of (..., 2 or 3) m board coordinates, on
         boards with (..., B) view parameters, pose first. With (...) rays, return where glass before
         the board lets them appear.
         """

@@ -20,6 +20,7 @@ from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.joint_fit import FIRST_SIGMA
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
+from calib.estimation.residuals import reach_board
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
 from calib.estimation.view_equations import information, view_equations
@@ -200,13 +201,9 @@ class PlanningFit:
         """Return the design of the (P, 6) poses; `cells` and `depths` are those of `survey`."""
         bank = survey(self.model, setup.board, setup.camera, poses, cells, depths)
         observations = self.observations
-        _, failure = self.model.path.land(
-            observations.pixels,
-            self.model.means,
-            self.poses[observations.view],
-            observations.exposure,
+        visible = observations.select_rows(
+            reach_board(self.model.path, self.model.means, observations, self.poses)
         )
-        visible = observations.select_rows(failure == 0)
         existing = (
             view_information(self.model, visible, self.poses)
             if len(self.poses)

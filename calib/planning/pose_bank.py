@@ -238,7 +238,7 @@ def _borders(camera: Camera) -> tuple[Array, Array]:
 
 def _points_3d(board: Board) -> Array:
     """Return the (count, 3) m corners in the board's frame."""
-    return np.column_stack([board.points(), np.zeros(board.count)])
+    return board.points_in_space()
 
 
 def _project(points: Array, pose: Array, camera: Camera) -> Array:

@@ -120,7 +120,7 @@ def histogram(axes: Axes, evidence: Evidence) -> None:
         label = f"noise of {sigma:.2g} px"
         axes.plot(x, len(values) * (edges[1] - edges[0]) * density, color=INK, label=label)
         axes.legend(loc="upper left")
-    axes.set(xlabel="x or y of an error (px)", ylabel="number", title="their distribution")
+    axes.set(xlabel="error in x or in y (px)", ylabel="number", title="distribution of the errors")
 
 
 def board_error_figure(evidence: Evidence) -> Figure:

@@ -16,11 +16,13 @@ from calib.report.scene import surface_meshes, ways
 
 SIZE = (7.0, 6.0)
 """Width and height in inches."""
+POINT_SIZE = 3.0
+"""Points^2, of a point of a target that is not flat."""
 
 
 def space_figure(evidence: Evidence) -> Figure:
-    """Draw the camera, its cover, and every board in the colour of its error. Axes are x to the
-    right, z ahead and y down, m.
+    """Draw the camera, its cover, and every board, or the points of a target that is not flat, in
+    the colour of its error. Axes are x to the right, z ahead and y down, m.
     """
     with mpl.rc_context():
         mpl.rcdefaults()
@@ -30,11 +32,16 @@ def space_figure(evidence: Evidence) -> Figure:
         errors = evidence.rms_by_view
         colours = ScalarMappable(Normalize(float(errors.min()), float(errors.max())), ERRORS)
         outlines = board_outlines(evidence)
-        boards = Poly3DCollection(
-            _turned(outlines), facecolors=colours.to_rgba(errors, alpha=0.85), edgecolors=INK
-        )
-        boards.set_linewidth(0.5)
-        axes.add_collection3d(boards)
+        if evidence.calibration.board.is_flat:
+            boards = Poly3DCollection(
+                _turned(outlines), facecolors=colours.to_rgba(errors, alpha=0.85), edgecolors=INK
+            )
+            boards.set_linewidth(0.5)
+            axes.add_collection3d(boards)
+        else:
+            outlines = evidence.points
+            inks = colours.to_rgba(errors)[evidence.view]
+            axes.scatter(*_turned(outlines).T, s=POINT_SIZE, c=inks, depthshade=False)
         for mesh in surface_meshes(evidence):
             axes.plot_surface(*np.moveaxis(_turned(mesh), -1, 0), color=BLUE, alpha=0.3)
         border = ways(evidence, border_pixels(evidence, 1))

@@ -1,5 +1,6 @@
 """The section of a report with the commands and inputs that reproduce its calibration."""
 
+import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
@@ -37,7 +38,7 @@ def again_html(evidence: Evidence, folder: Path) -> str:
     ]
     lines = "\n".join(map(pasted, commands(calibration.request, calibration.history, folder)))
     return (
-        f'<div class="command"><pre>{escape(lines)}</pre></div>'
+        f'<div class="command"><pre>{command_html(lines)}</pre></div>'
         + html_table(
             SETTING_COLUMNS,
             [_setting_row(key, str(value)) for key, value in facts.items()],
@@ -101,6 +102,11 @@ def pasted(words: Sequence[str]) -> str:
         f"~/{shlex.quote(word.removeprefix(home))}" if word.startswith(home) else shlex.quote(word)
         for word in words
     )
+
+
+def command_html(lines: str) -> str:
+    """Return command lines as HTML in which no line breaks inside of an option."""
+    return re.sub(r"(?<!\S)-[\w-]+", r'<span class="option">\g<0></span>', escape(lines))
 
 
 def _options(request: FitRequest, history: History) -> list[str]:

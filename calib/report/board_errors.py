@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.fitting.stages import PINHOLE_STAGE
 from calib.report.corners import corner_step, shown_corners
 from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing
 
-MIN_CLOSER = 2.0
+MIN_ENLARGEMENT = 2.0
 """The errors with the model get a panel of their own if the shared one is larger by this factor."""
 
 
@@ -34,30 +35,35 @@ def error_panels(evidence: Evidence) -> list[ErrorPanel]:
     if not evidence.bare_residuals:
         return [ErrorPanel("with the model", with_model, own_reach)]
     covered = evidence.calibration.cover.shape != "none"
-    left_out = "the cover" if covered else "lens distortion"
+    title = "fitted lens alone, no cover" if covered else "without lens distortion"
     without = 1e3 * evidence.bare_residuals.board.numpy()
     reach = _reach(without)
-    closer = reach / own_reach
+    enlargement = reach / own_reach
     panels = [
-        ErrorPanel(f"without {left_out}", without, reach),
+        ErrorPanel(title, without, reach),
         ErrorPanel("with the model", with_model, reach),
     ]
-    if closer > MIN_CLOSER:
-        panels.append(ErrorPanel(f"the same, {closer:.0f} times closer", with_model, own_reach))
+    if enlargement > MIN_ENLARGEMENT:
+        panels.append(
+            ErrorPanel(f"the same, enlarged {enlargement:.0f} times", with_model, own_reach)
+        )
     return panels
 
 
 def board_errors(evidence: Evidence) -> Drawing:
+    is_flat = evidence.calibration.board.is_flat
+    plane = "the board" if is_flat else "a plane through the point that faces the camera"
+    axes = "board" if is_flat else "the camera's"
     rows = shown_corners(evidence)
     panels = error_panels(evidence)
     return Drawing(
         "board-errors",
         "Corner errors on the board",
-        "For each detected corner, the point where its ray meets the board minus the true corner,"
-        " in board coordinates. The stronger the colour, the larger the error of the view. Point at"
-        " a dot, and all dots of its view turn orange: if they lie to one side, the view has an"
+        f"For each detected corner, the point where its ray meets {plane} minus the true corner,"
+        f" in {axes} coordinates. The stronger the colour, the larger the error of the view. Point"
+        " at a dot, and all dots of its view turn orange: if they lie to one side, the view has an"
         " error of its own. Noise alone gives a small round cloud around zero. One dot in two"
-        " hundred may lie outside the panel." + _thinned(evidence),
+        " hundred may lie outside the panel." + _unfitted_lens(evidence) + _thinned(evidence),
         {
             "errors": [panel.errors[rows] for panel in panels[:2]],
             "panels": [
@@ -65,6 +71,17 @@ def board_errors(evidence: Evidence) -> Drawing:
                 for place, panel in enumerate(panels)
             ],
         },
+    )
+
+
+def _unfitted_lens(evidence: Evidence) -> str:
+    """Return a sentence on the stage "camera alone", whose error is not that of the first panel."""
+    stage = evidence.calibration.stages[0]
+    if evidence.calibration.cover.shape == "none" or stage.name != PINHOLE_STAGE:
+        return ""
+    return (
+        f' The first panel has the fitted lens. The stage "{stage.title}" has the lens as it was'
+        " before the fit, so its error differs."
     )
 
 

@@ -66,7 +66,7 @@ def grid_lines(evidence: Evidence, view: int) -> Iterator[BoardLine]:
     pose = evidence.calibration.poses[view, :6]
     rotation = cv2.Rodrigues(pose[:3])[0]
     focal, centre = _pinhole(evidence)
-    points = np.column_stack([board.points(), np.zeros(board.count)]) @ rotation.T + pose[3:]
+    points = board.points_in_space() @ rotation.T + pose[3:]
     grid = points.reshape(board.rows, board.columns, 3)
     ends = np.concatenate([grid[:, [0, -1]], grid[[0, -1]].swapaxes(0, 1)])
     steps = np.linspace(0, 1, SAMPLES)[:, None]

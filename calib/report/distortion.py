@@ -74,7 +74,8 @@ def _magnification(evidence: Evidence) -> str:
         return ""
     return (
         f" At {depth:g} m the cover enlarges the picture by a factor of {1 / (1 + growth):.3g}."
-        f" Apart from this factor and a shift, at most {bent:.1f} of {total:.1f} px remain."
+        f" Of the largest distortion, {total:.1f} px, all but {bent:.1f} px is this enlargement and"
+        " a shift."
     )
 
 

@@ -61,8 +61,9 @@ class Heights:
     @property
     def caption(self) -> str:
         caption = (
-            "How uneven the outer surface is where the image sees it: its height over the mean. An"
-            " even layer hardly bends light, so the views hardly tell that mean."
+            "Height of the outer surface above its mean, in the part that the camera looks through."
+            " The pictures hardly show the mean itself, because an even layer bends almost no"
+            " light."
         )
         if self.sigma is None:
             return caption
@@ -116,7 +117,7 @@ def read_detail(calibration: Calibration, session: Path) -> GlassDetail | None:
     """Return the heights that the points of a session show; None where they are too few, or
     cannot be read any more.
     """
-    if calibration.board.has_grid:
+    if calibration.board.has_grid or not calibration.board.is_flat:
         return None
     camera, names = calibration.camera, {view.name for view in calibration.views}
     try:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 
-from calib.report.again import pasted
+from calib.report.again import command_html, pasted
 from calib.report.scripts import Scripts
 from calib.report.summary import Summary
 from calib.report.tiles import tiles_html
 from calib.verdict.next_commands import HOLDOUT, HOLDOUT_NOTE
-from calib.verdict.verdict import Trust, Verdict
+from calib.verdict.verdict import NEXT, Trust, Verdict
 from calib.version import VERSION
 
 NOTHING_FROM_OUTSIDE = (
@@ -24,11 +24,17 @@ NOTHING_FROM_OUTSIDE = (
 COPIED = r"<(pre|code|b)\b.*?</\1>|<[^>]*>"
 """Tags, and elements whose spaces people copy: commands, and names of files."""
 UNITS = "px|mm|µm|m|cm|mrad|rad|deg|ms|s|times"
-IN_NUMBER = rf"(?<=\d) (?=(?:{UNITS})\b|%|±|×)|(?<=±) (?=[\d-])|(?<=×) (?=tolerance)"
+IN_NUMBER = (
+    rf"(?<=\d) (?=(?:{UNITS})\b|%|±|×)|(?<=±) (?=[\d-])|(?<=×) (?=tolerance)|(?<=&lt;) (?=\d)"
+)
 """The spaces between a number, its standard deviation and its unit."""
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
+COMMAND = re.compile("`([^`]+)`")
+"""A command in a sentence."""
+NOTE = f'<p class="note">{HOLDOUT_NOTE}</p>'
+"""It stands below the first command that names the folder."""
 COLOURS = {Trust.TRUSTED: "good", Trust.CARE: "care", Trust.DO_NOT_USE: "bad"}
 """The class of a header, which gives its colour."""
 
@@ -47,14 +53,14 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection], script
     contents = "".join(
         f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections
     )
-    lead = "".join(f"<li>{escape(sentence)}</li>" for sentence in summary.sentences)
+    lead = "".join(f"<li>{sentence_html(sentence)}</li>" for sentence in summary.sentences)
     verdict = summary.verdict
     body = "".join(
         f'<section id="{section.name}"><h2'
         f' id="{section.name}-title">{escape(section.title)}</h2>{section.html}</section>'
         for section in sections
     )
-    notes = "".join(f"<p>Note: {escape(note)}</p>" for note in verdict.notes)
+    notes = "".join(f"<p>Note: {sentence_html(note)}</p>" for note in verdict.notes)
     header = f"""<p class="over">Calibration report, Refracal {VERSION}</p>
 <h1>{escape(verdict.headline.removesuffix("."))}</h1>
 {tiles_html(summary.tiles)}
@@ -75,23 +81,31 @@ and the pictures are here without it.</p></noscript>"""
 
 
 def commands_html(verdict: Verdict) -> str:
-    """Return the commands to type, those that use the calibration only if the verdict allows it.
-    Of a trusted calibration the test comes first.
+    """Return the commands to type (`Verdict.labelled_commands`), with a note on HOLDOUT."""
+    paragraphs = []
+    for label, command in verdict.labelled_commands(verdict.further):
+        words = shlex.split(command)
+        kind = next_class(verdict) if command == verdict.next else "command"
+        if words[:2] == ["calib", "report"]:  # it would open this page
+            paragraphs.append(f'<p class="{kind}">{label}: look at the figures below.</p>')
+            continue
+        code = f"<code>{command_html(pasted(words))}</code>"
+        paragraphs.append(f'<p class="{kind}">{label}: {code}</p>')
+        if HOLDOUT in words and NOTE not in paragraphs:
+            paragraphs.append(NOTE)
+    return "\n".join(paragraphs)
+
+
+def next_class(verdict: Verdict) -> str:
+    """Return the classes of the next command. A phone shows it below the verdict. A fit that is
+    repeated stays below the reasons, because they say what to change first.
     """
-    is_usable = verdict.word is not Trust.DO_NOT_USE
-    further = [command for command in verdict.further if is_usable and command != verdict.next]
-    lines = [(verdict.next_label, verdict.next)]
-    if verdict.word is Trust.TRUSTED and further:
-        lines.insert(0, ("Test it", further.pop(0)))
-    lines += [("Then", command) for command in further]
-    note = any(HOLDOUT in command.split() for _, command in lines)
-    return "\n".join(
-        [
-            f'<p class="command">{label}: <code>{escape(pasted(shlex.split(command)))}</code></p>'
-            for label, command in lines
-        ]
-        + [f"<p>{HOLDOUT_NOTE}</p>"] * note
-    )
+    return "command next" if verdict.next_label == NEXT else "command repeat"
+
+
+def sentence_html(sentence: str) -> str:
+    """Return a sentence, and a command between backquotes as code."""
+    return COMMAND.sub(r"<code>\1</code>", escape(sentence))
 
 
 def _reasons_html(verdict: Verdict) -> str:
@@ -100,13 +114,13 @@ def _reasons_html(verdict: Verdict) -> str:
     """
     grave = [reason for reason in verdict.reasons if reason.word is Trust.DO_NOT_USE]
     further = [reason for reason in verdict.reasons if reason not in grave]
-    lines = [f"<li><strong>{escape(reason.capitalised)}</strong></li>" for reason in grave]
-    items = [f"<li>{escape(reason.capitalised)}</li>" for reason in further]
+    lines = [f"<li><strong>{sentence_html(reason.capitalised)}</strong></li>" for reason in grave]
+    items = [f"<li>{sentence_html(reason.capitalised)}</li>" for reason in further]
     if not grave or not further:
-        return f"<ul>{''.join(lines + items)}</ul>" if verdict.reasons else ""
+        return f'<ul class="reasons">{"".join(lines + items)}</ul>' if verdict.reasons else ""
     return (
-        f"<ul>{''.join(lines)}</ul><details><summary>Further reasons, which this may"
-        f" explain</summary><ul>{''.join(items)}</ul></details>"
+        f'<ul class="reasons">{"".join(lines)}</ul><details class="reasons"><summary>Further'
+        f" reasons, which this may explain</summary><ul>{''.join(items)}</ul></details>"
     )
 
 

@@ -61,14 +61,14 @@ def arrows_over_image(evidence: Evidence) -> Arrows:
     y = camera.height * (np.arange(CELLS[1]) + 0.5) / CELLS[1] - 0.5
     places = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     longest = float(np.nanmax(means.length))
-    return Arrows(places, means, f"over the picture; longest {longest:.2g} px")
+    return Arrows(places, means, f"mean error over the picture; longest arrow {longest:.2g} px")
 
 
 def arrows_over_board(evidence: Evidence) -> Arrows:
     means = over_board(evidence)
     longest = float(np.nanmax(means.length))
-    places = 1e3 * evidence.calibration.board.points()
-    return Arrows(places, means, f"over the board; longest {longest:.2g} px")
+    places = 1e3 * evidence.calibration.board.points()[:, :2]
+    return Arrows(places, means, f"mean error over the board; longest arrow {longest:.2g} px")
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,13 +157,14 @@ def residual_maps(evidence: Evidence) -> Drawing:
     on_board = arrows_over_board(evidence)
     scales = ArrowScales.of(evidence, typical_length(in_image, on_board))
     bands = depth_bands(evidence)
+    target = "board" if evidence.calibration.board.is_flat else "target, seen along its z axis"
     noise = evidence.calibration.noise_px
     middle, noise_there = noise_by_distance(evidence)
     shape = "" if noise is None else " Its line is noise alone: a wider histogram is not all noise."
     return Drawing(
         "residuals",
         "Residuals, and where they are",
-        f"Over the picture: {in_image.means.summary}. Over the board: {on_board.means.summary}.",
+        f"Over the picture: {in_image.means.summary}. Over the {target}: {on_board.means.summary}.",
         explanation=(
             "An arrow is the mean of the reprojection errors there: the corner that the model"
             f" predicts minus the detected one. {scales.caption} The arrows of a pattern are"

@@ -55,6 +55,7 @@ def session_in_space(evidence: Evidence) -> Drawing:
     arrived = traced.arrived[border_count:]
     ends = evidence.points[shown]
     board = evidence.calibration.board
+    places = board.points()
     lines = "its middle row and column" if board.has_grid else "some of its points"
     cover = ", its cover as fitted," if evidence.path.cover else ""
     return Drawing(
@@ -66,6 +67,7 @@ def session_in_space(evidence: Evidence) -> Drawing:
         " to see its picture.",
         {
             "half": [half + board.square for half in board.half],
+            "box": None if board.is_flat else np.stack([places.min(0), places.max(0)]),
             "surfaces": surface_meshes(evidence),
             "border": traced.points[:border_count],
             "borderDirection": traced.direction[:border_count],

@@ -9,7 +9,8 @@ from calib.apply.map_uncertainty import describe_sigmas, map_sigmas
 from calib.calibration import Calibration
 from calib.fitting.declared import comparisons
 from calib.fitting.description import describe_bend
-from calib.fitting.supported_depths import describe_trusted
+from calib.fitting.supported_depths import describe_supported
+from calib.io.numerals import counted
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
 from calib.report.tiles import Tile, report_tiles
@@ -102,13 +103,13 @@ def _subject(evidence: Evidence) -> str:
         cells = f"{1e3 * board.square:g} mm {board.cell}s ({len(evidence.depth)} corners)"
         target = f"a {board} board with {cells}"
     else:
-        target = f"a flat target: {board}"
+        target = f"a flat target: {board}" if board.is_flat else f"a target of {board} in space"
     medium = calibration.cover.medium
     if medium and medium_word(medium.value) == WATER:
         behind += f", in water ({medium.value:g})"
     return (
-        f"{camera}{behind}: {len(calibration.views)} views of {target}, {near:.2g} to {far:.2g} m"
-        " away."
+        f"{camera}{behind}: {counted(len(calibration.views), 'view')} of {target}, {near:.2g} to"
+        f" {far:.2g} m away."
     )
 
 
@@ -171,7 +172,7 @@ def _coverage(evidence: Evidence) -> str:
         )
     at_corners = describe_sigmas(map_sigmas(evidence.calibration, evidence.depths))
     return (
-        f"The boards support maps for {describe_trusted(*evidence.reach)}. Their expected error is"
+        f"{describe_supported(*evidence.reach)} The expected error of the maps is"
         f" {at_corners} (median over the corners); the largest is"
         f" {evidence.worst_sigma(evidence.depths)}."
     )

@@ -6,13 +6,6 @@ from calib.fitting.description import describe
 from calib.report.evidence import Evidence
 from calib.table import board_error, html_table
 
-MEANING = {
-    "pinhole": "the lens, with no cover in the model",
-    "cover": "through a smooth cover, its numbers as declared, or as first estimated",
-    "cover+rbf": "with the fitted numbers, and with uneven glass if the views show it",
-    "cover+rbf+effects": "with the board as the views show it, and with all effects found",
-}
-
 
 def bar(value: float, full_length: float) -> str:
     """Return a bar whose length shows a value in relation to `full_length`."""
@@ -29,7 +22,7 @@ def stages_html(evidence: Evidence) -> str:
     rows = [
         (
             f"<b>{escape(stage.title)}</b>",
-            escape(MEANING.get(stage.name, "")),
+            escape(stage.meaning),
             f"{bar(stage.rms_px, largest)} {stage.rms_px:.3f} px",
             board_error(stage.rmse_cm),
         )

@@ -77,12 +77,15 @@ def _scale(evidence: Evidence) -> Iterator[Tile]:
     for number in (*focal, *of_cover[:1]):
         name = number.name.replace("_", " ").replace(".", " ", 1)
         label = "focal length fx" if number.name == CAMERA.fx else name
-        yield Tile(label, number.estimated, _origin(number))
+        yield Tile(label, number.estimated, origin(number))
 
 
-def _origin(number: Comparison) -> str:
+def origin(number: Comparison) -> str:
+    """Return where the estimate of a number comes from, in a few words."""
     if number.held:
         return "not fitted"
+    if number.is_open or number.is_unusual:
+        return "these views do not tell it"
     if number.source == VIEWS or number.unknown:
         return "estimated from the views"
     return f"declared {number.stated}"

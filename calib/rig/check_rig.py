@@ -91,9 +91,7 @@ class RigChecker:
                 " some where two cameras see it together."
             )
         camera_checks = {
-            name: self.checkers[name].check(
-                Pictures(camera.views, camera.calibration.board), progress
-            )
+            name: self.checkers[name].check(Pictures(camera.views, camera.board), progress)
             for name, camera in views.items()
             if camera.views
         }
@@ -141,7 +139,7 @@ class RigChecker:
             {name: views[name].views for name in names},
             poses,
             placements,
-            self.rig.calibrations[base].board,
+            {name: views[name].board for name in names},
             noise,
         )
         test = MountingTest(self.rig, self.linear, base, reported, movable, self.scatter)

@@ -1,4 +1,5 @@
-"""The diagnosis of a rig: why its cameras disagree on where the board is.
+"""The diagnosis of a rig: why its cameras disagree on where the board is, and whether the board
+bends differently in every placement.
 
 In each round, every explanation gets its evidence from the linearised fit. The most probable one is
 added to the fit if its odds against no cause are more than chance, and if the error on held-out
@@ -14,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from calib.diagnosis.trial import ALPHA, is_worthwhile
 from calib.effects.varying import FROM_VIEW
@@ -22,26 +24,30 @@ from calib.estimation.residuals import Residuals, residuals
 from calib.fit_record.history import Family
 from calib.inference.cross_validation import HeldOutGain
 from calib.progress import Progress, Silent, check_progress
+from calib.rig.board_flex_fit import BentFit, fit_with_bends
 from calib.rig.explanation_fit import Evaluator, FittedExplanation
 from calib.rig.explanations import RigExplanation, explanations
 from calib.rig.held_out_placements import MIN_SHARED, held_out_squares, placement_gain
 from calib.rig.joint_estimate import RigState
-from calib.rig.motion_evidence import FixedEstimate, RandomMotion, ReducedMotions
+from calib.rig.motion_evidence import FixedEstimate, RandomMotion, ReducedMotions, realign
 from calib.rig.rig import Rig, RigCalibrationSource
 from calib.rig.rig_candidates import ACCEPTED, candidate_of, families_of
 from calib.rig.rig_content import FoundEffect, RigRecord
 from calib.rig.rig_context import RigContext, rig_context, times_of
-from calib.rig.rig_effects import RIG_SLIP
+from calib.rig.rig_effects import BOARD_FLEX, RIG_SLIP
 from calib.rig.rig_finding import RigCandidate, RigDiagnosis, RigQuality
 from calib.rig.rig_motion_fit import JointNumbers, fit_with_motion, stepped
 from calib.rig.rig_result import rig_of, state_of
 from calib.rig.rig_sentences import (
+    bend_parameters,
     describe_found,
     describe_lateness,
     describe_own,
+    describe_untested_motion,
     open_questions,
     parameters_of,
 )
+from calib.rig.scatter import count_placements
 from calib.threads import single_thread
 
 MAX_EFFECTS = 3
@@ -63,6 +69,8 @@ class _Search:
     families: tuple[Family, ...] = ()
     candidates: dict[tuple[str, str, str], RigCandidate] = field(default_factory=dict)
     rounds: tuple[tuple[FittedExplanation, ...], ...] = ()
+    bent: BentFit | None = None
+    """The fit with a bend of the board in each placement, if that was found."""
 
 
 def diagnose_rig(
@@ -96,15 +104,14 @@ def diagnose_rig(
         search = _Search(state, rig_context(calibrated, state, times))
         advance(1, "")
         none = Evaluator(search.context).fit(RigExplanation(None))
-        noise_px = _noise(state)
-        first_quality = _quality(search, none, noise_px)
+        first_quality = _quality(search, none)
         for number in range(MAX_EFFECTS):
             advance(2 + 2 * number, "explanations")
-            search, is_found = _round(calibrated, search, times, noise_px)
+            search, is_found = _round(calibrated, search, times)
             if not is_found:
                 break
         none = Evaluator(search.context).fit(RigExplanation(None))
-        last_quality = _quality(search, none, noise_px)
+        last_quality = _quality(search, none)
         better = _with_effects(calibrated, search, none) if search.found else calibrated
         advance(2 + 2 * MAX_EFFECTS, "")
     motion = search.context.motion
@@ -117,7 +124,12 @@ def diagnose_rig(
         placements=count,
         bursts=len(motion.bursts),
         speed_m_s=motion.speeds[1] if motion.bursts else None,
-        remarks=(*search.sentences, *_latenesses(search), *open_questions(search.context)),
+        remarks=(
+            *search.sentences,
+            *_latenesses(search),
+            *_untested_motion(calibrated, search),
+            *open_questions(search.context),
+        ),
     )
     return better, diagnosis
 
@@ -126,9 +138,10 @@ def _rank(candidate: RigCandidate) -> tuple[bool, float]:
     return not candidate.accepted, -candidate.log_odds
 
 
-def _round(rig: Rig, search: _Search, times: Array, noise_px: float) -> tuple[_Search, bool]:
+def _round(rig: Rig, search: _Search, times: Array) -> tuple[_Search, bool]:
     """Add the most probable effect if held-out placements confirm it."""
     context = search.context
+    noise_px = _noise(search.state)
     fits = _fit_all(Evaluator(context), search.found)
     none, *fits_of_effects = fits
     if not fits_of_effects:
@@ -218,7 +231,16 @@ def _accept(
     context = search.context
     state = search.state
     fits = search.fits
-    if best.fixed:
+    bent = search.bent
+    if best.explanation.is_of_bends:
+        assert context.board_flex
+        bent = fit_with_bends(state, best, context.board_flex)
+        state = bent.estimate.state
+        later = rig_context(rig, state, times)
+        accepted = realign(context.accepted, context.products, later.products)
+        context = replace(later, accepted=accepted)
+        fits = (*fits, best)
+    elif best.fixed:
         state, context, best, numbers = fit_with_motion(rig, state, times, context, best)
         fits = _with_numbers((*fits, best), numbers)
     else:
@@ -228,22 +250,24 @@ def _accept(
         search,
         state=state,
         context=context,
-        found=tuple(_found_effect(rig, fitted, fits) for fitted in fits),
+        found=tuple(_found_effect(rig, state, fitted, fits) for fitted in fits),
         fits=fits,
+        bent=bent,
         families=(*search.families, *families_of(best.explanation, fits_of_effects)),
     )
 
 
 def _found_effect(
-    rig: Rig, fitted: FittedExplanation, fits: Sequence[FittedExplanation]
+    rig: Rig, state: RigState, fitted: FittedExplanation, fits: Sequence[FittedExplanation]
 ) -> FoundEffect:
     explanation = fitted.explanation
+    is_of_bends = explanation.is_of_bends
     effect = FoundEffect(
         explanation.name,
         explanation.camera,
         explanation.varies,
         rig.placement_names[explanation.placement] if explanation.varies == FROM_VIEW else "",
-        parameters_of(fitted),
+        bend_parameters(state.placements[:, 6:].numpy()) if is_of_bends else parameters_of(fitted),
     )
     return replace(effect, sentence=describe_found(effect, fitted, _partner(rig, fitted, fits)))
 
@@ -285,6 +309,13 @@ def _latenesses(search: _Search) -> list[str]:
     ]
 
 
+def _untested_motion(rig: Rig, search: _Search) -> list[str]:
+    """Return a sentence on a rolling shutter, if bends were found and a camera may have one."""
+    shutters = {name: c.camera.shutter for name, c in rig.calibrations.items()}
+    rolling = [name for name, shutter in shutters.items() if not shutter or shutter.rolling]
+    return [describe_untested_motion(rolling)] if search.bent and rolling else []
+
+
 def _key(explanation: RigExplanation) -> tuple[str, str, str]:
     return explanation.name, explanation.camera, explanation.varies
 
@@ -302,13 +333,13 @@ def _late_cameras(fits: Sequence[FittedExplanation]) -> set[str]:
     return {fitted.explanation.camera for fitted in fits if fitted.explanation.is_late}
 
 
-def _quality(search: _Search, none: FittedExplanation, noise_px: float) -> RigQuality:
+def _quality(search: _Search, none: FittedExplanation) -> RigQuality:
     image = []
     for index, camera in enumerate(search.state.cameras):
         poses = search.state.poses(index)
         image.append(residuals(camera.model.path, camera.values, camera.observations, poses).image)
     joined = torch.cat(image)
-    squares = held_out_squares(search.context, none, noise_px)
+    squares = held_out_squares(search.context, none, _noise(search.state))
     held_out = float(np.sqrt(np.nanmean(squares)))
     return RigQuality(Residuals(joined, joined).rms_px, held_out)
 
@@ -320,17 +351,28 @@ def _noise(state: RigState) -> float:
 
 def _with_effects(rig: Rig, search: _Search, none: FittedExplanation) -> Rig:
     """Return the rig whose numbers are the most probable ones beside the effects."""
+    earlier = tuple(e for e in rig.record.effects if e.effect == BOARD_FLEX.name)
+    record = replace(rig.record, effects=(*earlier, *search.found))
+    if search.bent:
+        record = replace(record, alone_px=search.bent.alone_px)
+    if search.bent and len(search.fits) == 1:
+        board = rig.calibrations[rig.reference].board
+        estimate, scatter = count_placements(search.bent.estimate, board)
+        return _rig(rig, estimate.state, estimate.covariance, replace(record, scatter=scatter))
     random: tuple[RandomMotion, ...] = (*search.context.accepted, *none.discrepancy)
     reduced = ReducedMotions.of(search.context.products, random)
     independent = ReducedMotions.of(search.context.products)
     state = stepped(search.state, torch.from_numpy(reduced.step()))
     ratio = reduced.hessian_inverse.diagonal() / independent.hessian_inverse.diagonal()
-    record: RigRecord = replace(
-        rig.record, effects=search.found, scatter=float(np.sqrt(np.mean(ratio)))
-    )
+    record = replace(record, scatter=float(np.sqrt(np.mean(ratio))))
+    return _rig(rig, state, torch.from_numpy(reduced.hessian_inverse), record)
+
+
+def _rig(rig: Rig, state: RigState, covariance: Tensor, record: RigRecord) -> Rig:
+    """Return the rig of another state of its fit."""
     return rig_of(
         state,
-        torch.from_numpy(reduced.hessian_inverse),
+        covariance,
         rig.calibrations,
         rig.reference,
         rig.covers,

@@ -5,7 +5,7 @@ board against the truth.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +17,7 @@ from calib.corners.copies import count_fitted
 from calib.errors import NotEnoughDataError
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
-from calib.fitting.evaluate import FIRST_BAND_END
+from calib.fitting.evaluate import FIRST_BAND_END, alternate_rows
 from calib.optics.exposure import MIDDLE
 from calib.progress import Progress, Silent, check_progress
 from calib.rig.later_views import (
@@ -78,7 +78,11 @@ class RigEvaluation:
 
 
 def evaluate_rig(
-    rig: RigCalibrationSource, source: RigSource, progress: Progress = Silent()
+    rig: RigCalibrationSource,
+    source: RigSource,
+    progress: Progress = Silent(),
+    *,
+    halves: bool = False,
 ) -> RigEvaluation:
     """Refit the placements of a rig's held-out pictures, with the cameras and mountings of a
     calibrated rig, and measure the residual and the lengths on the board.
@@ -87,6 +91,8 @@ def evaluate_rig(
         rig: the calibrated rig, or the path of its folder.
         source: the held-out pictures: a rig.yaml whose cameras are some of the rig's.
         progress: the progress bars.
+        halves: measure each half of a placement's corners with the pose that the other half gives.
+            This is always done if the board bends differently in every placement.
 
     Raises:
         WrongTypeError: an argument is of another type.
@@ -110,12 +116,14 @@ def evaluate_rig(
     placements = Placements.of(description, {name: c.views for name, c in cameras.items()})
     with single_thread():
         cameras = renumber_views(calibrated, cameras, placements)
-        poses = _fit_poses(calibrated, cameras, placements)
-        results = {
-            name: _residuals(camera, poses[name])
-            for name, camera in cameras.items()
-            if camera.views
-        }
+        placed = _placed_views(calibrated, cameras, placements)
+        start = first_placements(
+            [views.mounting for views in placed.values()],
+            [cameras[name].poses for name in placed],
+            [views.placement for views in placed.values()],
+            placements.count,
+        )
+        fitted, results = _measure(calibrated, placed, start, halves=halves)
     image = torch.cat([residual.image for residual in results.values()])
     board = torch.cat([residual.board for residual in results.values()])
     views = np.concatenate(list(placements.of_views.values()))
@@ -125,7 +133,7 @@ def evaluate_rig(
         cameras={name: residual.rms_px for name, residual in results.items()},
         placements=placements.count,
         shared_placements=int((counts > 1).sum()),
-        lengths=_length_bands(calibrated, cameras, placements),
+        lengths=_length_bands(calibrated, cameras, placements, fitted),
         rejected=tuple(rejected),
         views=sum(len(camera.views) for camera in cameras.values()),
         fitted_views=sum(
@@ -135,40 +143,79 @@ def evaluate_rig(
     )
 
 
-def _fit_poses(
+def _placed_views(
     rig: Rig, cameras: Mapping[str, LaterViews], placements: Placements
-) -> dict[str, Tensor]:
-    """Return the (V, 6) poses of each camera's views from one placement for all cameras."""
+) -> dict[str, PlacedViews]:
+    """Return the views of each camera that has any, at its mounting."""
     placed = {}
     for name, camera in cameras.items():
         if camera.views:
             path, values = camera.calibration.model()
-            observations = Observations.of(camera.views, camera.calibration.board)
+            observations = Observations.of(camera.views, camera.board)
             place = torch.from_numpy(placements.of_views[name])
             placed[name] = PlacedViews(path, values, observations, mounting_of(rig, name), place)
-    start = first_placements(
-        [views.mounting for views in placed.values()],
-        [cameras[name].poses for name in placed],
-        [views.placement for views in placed.values()],
-        placements.count,
+    return placed
+
+
+def _measure(
+    rig: Rig, placed: Mapping[str, PlacedViews], start: Tensor, *, halves: bool
+) -> tuple[Tensor, dict[str, Residuals]]:
+    """Return the (P, B) placements that fit best, with one pose of the board for all cameras, and
+    the residuals of each camera.
+
+    Args:
+        start: (P, 6) placements to start from.
+        halves: measure half of the corners with the pose and the bend that the other half of all
+            cameras gives, even if the board does not bend.
+    """
+    views = tuple(placed.values())
+    bends = views[0].path.has_private_blocks
+    noise = np.array([rig.calibrations[name].corner_sigma_px for name in placed])
+    # Without bends there is no prior that the noise weighs.
+    sigma = _rms(noise) if bends else 1.0
+    fitted = fit_placements(views, start, sigma)
+    if not (halves or bends):
+        return fitted, {name: _residuals(camera, fitted) for name, camera in placed.items()}
+    odd = {name: alternate_rows(camera.observations) for name, camera in placed.items()}
+    of_odd = [_rows_of(camera, odd[name]) for name, camera in placed.items()]
+    of_even = [_rows_of(camera, ~odd[name]) for name, camera in placed.items()]
+    by_odd = fit_placements(of_odd, fitted, sigma)
+    by_even = fit_placements(of_even, fitted, sigma)
+    return fitted, {
+        name: _joined(odd[name], _residuals(camera, by_even), _residuals(camera, by_odd))
+        for name, camera in placed.items()
+    }
+
+
+def _rows_of(views: PlacedViews, rows: Tensor) -> PlacedViews:
+    """Return the views with the corners of an (M,) mask."""
+    return replace(views, observations=views.observations.select_rows(rows))
+
+
+def _joined(chosen: Tensor, first: Residuals, second: Residuals) -> Residuals:
+    """Return the first residuals where (M,) `chosen` is true, and the second ones elsewhere."""
+    rows = chosen[:, None]
+    return Residuals(
+        torch.where(rows, first.image, second.image), torch.where(rows, first.board, second.board)
     )
-    fitted = fit_placements(tuple(placed.values()), start)
-    return {name: views.poses(fitted) for name, views in placed.items()}
 
 
-def _residuals(camera: LaterViews, poses: Tensor) -> Residuals:
-    path, values = camera.calibration.model()
-    observations = Observations.of(camera.views, camera.calibration.board)
-    return residuals(path, values, observations, poses)
+def _residuals(views: PlacedViews, placements: Tensor) -> Residuals:
+    return residuals(views.path, views.values, views.observations, views.poses(placements))
 
 
 def _length_bands(
-    rig: Rig, cameras: Mapping[str, LaterViews], placements: Placements
+    rig: Rig, cameras: Mapping[str, LaterViews], placements: Placements, fitted: Tensor
 ) -> tuple[LengthBand, ...]:
     """Return the errors of the lengths between the ends of the board's rows, columns and diagonals,
-    by their depth.
+    by their depth; none of a target of points, of which no two cameras see the same.
+
+    Args:
+        fitted: (P, B) the placements, with the bends of the board.
     """
     board = next(iter(rig.calibrations.values())).board
+    if not board.has_grid:
+        return ()
     pixels = {
         name: np.full((placements.count, board.count, 2), np.nan) for name in rig.calibrations
     }
@@ -182,7 +229,7 @@ def _length_bands(
     length, sigma = rig.distances(flat, pairs.reshape(-1, 2), noise_px)
     points = _points(rig, flat, pairs.reshape(-1, 2))
     depth = points.mean(1)[:, 2]
-    true = np.tile(_true_lengths(rig, ends), placements.count)
+    true = _true_lengths(rig, ends, fitted)
     of_length = np.repeat(np.arange(placements.count), len(ends))
     error = length - true
     measured = np.isfinite(error)
@@ -225,17 +272,20 @@ def _length_ends(board: Board) -> Indices:
     return np.concatenate([rows, columns, diagonals])
 
 
-def _true_lengths(rig: Rig, ends: Indices) -> Array:
-    """Return the (L,) m lengths on the board, with its shape and print as the rig's fit has
-    them.
+def _true_lengths(rig: Rig, ends: Indices, fitted: Tensor) -> Array:
+    """Return the (P * L,) m lengths on the board of each placement, with its shape and print as the
+    rig's fit has them, and its bend in this placement.
     """
     calibration = rig.calibrations[rig.reference]
     path, values = calibration.model()
     corners = torch.from_numpy(calibration.board.points())
-    pose = torch.zeros(len(corners), 6, dtype=torch.float64)
-    points = path.place(corners, values, pose, MIDDLE).numpy()
-    lengths: Array = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=-1)
-    return lengths
+    poses = torch.cat([torch.zeros_like(fitted[:, :6]), fitted[:, 6:]], 1)
+    count = len(poses)
+    placed = poses.repeat_interleave(len(corners), 0)
+    points = path.place(corners.repeat(count, 1), values, placed, MIDDLE).numpy()
+    points = points.reshape(count, len(corners), 3)
+    lengths: Array = np.linalg.norm(points[:, ends[:, 1]] - points[:, ends[:, 0]], axis=-1)
+    return lengths.ravel()
 
 
 def _rms(values: Array) -> float:

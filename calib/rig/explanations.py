@@ -17,13 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.effects.effect import EACH_VIEW
+from calib.effects.effect import BLOCK_SCALES, EACH_VIEW
 from calib.effects.varying import FROM_VIEW
 from calib.rig.motion_evidence import FixedMotion
 from calib.rig.moved_cameras import KINDS, MIN_SLIP_PLACEMENTS, SHIFT_SPREAD, TURN_SPREAD
 from calib.rig.own_effects import OwnEffect
 from calib.rig.rig_context import RigContext
 from calib.rig.rig_effects import (
+    BOARD_FLEX,
     FLEX_SHIFT,
     FLEX_TURN,
     RIG_FLEX,
@@ -41,7 +42,9 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RandomKind:
-    """Motions of one camera that each placement draws anew, by a few sizes."""
+    """Motions of one camera, or bends of the board, that each placement draws anew, by a few
+    sizes.
+    """
 
     columns: slice
     shapes: tuple[Array, ...]
@@ -78,6 +81,11 @@ class RigExplanation:
     def name(self) -> str:
         return self.effect.name if self.effect else ""
 
+    @property
+    def is_of_bends(self) -> bool:
+        """True for a bend of the board in each placement."""
+        return self.effect is BOARD_FLEX
+
 
 def explanations(context: RigContext) -> Iterator[RigExplanation]:
     """Yield every explanation that is possible, no cause first."""
@@ -104,6 +112,8 @@ def explanations(context: RigContext) -> Iterator[RigExplanation]:
                 board, placements, tolerances.BOARD_SPIN.sigma, tolerances.BOARD_MOVE.sigma
             ),
         )
+    if context.board_flex:
+        yield _board_flex(context)
     yield from _own(context)
     for name in context.mounted:
         columns = context.of_camera(name)
@@ -115,6 +125,13 @@ def explanations(context: RigContext) -> Iterator[RigExplanation]:
             random=_turns_and_shifts(columns, placements, FLEX_TURN.sigma, FLEX_SHIFT.sigma),
         )
         yield from _slips(context, name)
+
+
+def _board_flex(context: RigContext) -> RigExplanation:
+    """Return a bend of the board in each placement, which all cameras see."""
+    shape = np.tile(np.diag(context.bend_sigmas**2), (context.count, 1, 1))
+    kind = RandomKind(context.products.bends, (shape,), ((BLOCK_SCALES[0], BLOCK_SCALES[-1]),))
+    return RigExplanation(BOARD_FLEX, varies=EACH_VIEW, random=kind)
 
 
 def _own(context: RigContext) -> Iterator[RigExplanation]:

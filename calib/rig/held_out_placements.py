@@ -12,12 +12,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from calib.inference.cross_validation import BOOTSTRAP_DRAWS, FOLDS, HeldOutGain
 from calib.inference.sign_flip_test import gain_p_value
 from calib.rig.explanation_fit import FittedExplanation
 from calib.rig.motion_evidence import RandomMotion, ReducedMotions
-from calib.rig.motion_products import POSE
 from calib.rig.rig_context import RigContext
 
 MIN_SHARED = 2 * FOLDS
@@ -78,20 +78,21 @@ def _score(
     the motions of the other half.
     """
     total = 0.0
-    columns = np.r_[POSE, *(motion.columns for motion in adapting)]
-    size = len(columns)
-    root = np.eye(size)
-    prior = np.zeros(size)
-    for index, motion in enumerate(adapting):
-        entries = slice(6 + 6 * index, 12 + 6 * index)
-        root[entries, entries] = motion.root[place]
-        prior[entries] = 1.0
+    products = context.products
+    fitted_size = len(products.block_precision)
+    columns = np.r_[products.placement, *(motion.columns for motion in adapting)]
+    roots = [motion.root[place] for motion in adapting]
+    root = block_diag(np.eye(fitted_size), *roots)
+    prior = np.ones(len(root))
+    prior[:fitted_size] = products.block_precision
+    pull = np.zeros(len(root))
+    pull[:fitted_size] = products.block_precision * products.blocks[place]
     for half in (0, 1):
-        fitted = context.products.halves[half, place]
-        scored = context.products.halves[1 - half, place]
+        fitted = products.halves[half, place]
+        scored = products.halves[1 - half, place]
         rows = root.T @ fitted[columns]
         hessian = rows[:, columns] @ root + np.diag(prior)
         moved = point.copy()
-        moved[columns] -= root @ np.linalg.solve(hessian, rows @ point)
+        moved[columns] -= root @ np.linalg.solve(hessian, rows @ point + pull)
         total += float(moved @ scored @ moved)
     return total

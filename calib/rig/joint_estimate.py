@@ -18,6 +18,7 @@ from calib.estimation.normal_equations import solve
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
+from calib.estimation.residuals import reach_board
 from calib.estimation.surface_prior import (
     MarginalLikelihood,
     Quadratic,
@@ -73,7 +74,9 @@ class RigState:
     mountings: Tensor
     """(C, 6) T_camera_reference."""
     placements: Tensor
-    """(P, 6) T_reference_board."""
+    """(P, B) T_reference_board, and the bend of the board if it bends differently in every
+    placement.
+    """
     baseline: BaselinePrior | None = None
     numbers: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.float64))
     """(E,) the numbers of effects of the rig, on which the cameras' `terms` depend."""
@@ -81,8 +84,8 @@ class RigState:
     """(E,) the standard deviations of their priors, whose means are zero."""
 
     def poses(self, camera: int) -> Tensor:
-        """Return the (V, 6) T_camera_board of one camera's views, in the frame in which its boards
-        are placed.
+        """Return the (V, B) T_camera_board of one camera's views, in the frame in which its boards
+        are placed, and the bends of the boards.
         """
         state = self.cameras[camera]
         mounting = self.mountings[self.layout.frames[camera]]
@@ -148,7 +151,7 @@ class RigState:
             blocks = make_residual_blocks(path, parameters, observations, weights, camera.values)
             precision = torch.from_numpy(parameters.prior_precision(camera.smoothness))
             landing = LandingProblem(
-                parameters, tuple(blocks), precision, view_precision(path, poses)
+                parameters, tuple(blocks), precision, poses.new_zeros(poses.shape[1])
             )
             frame = self.layout.frames[index]
             problems.append(
@@ -168,7 +171,14 @@ class RigState:
         if self.baseline:
             place = self.baseline.camera
             mounting = self.nominal[place], self.layout.mountings[place]
-        return RigProblem(tuple(problems), precision, self.baseline, mounting)
+        path = self.cameras[0].model.path  # all cameras see the same board
+        return RigProblem(
+            cameras=tuple(problems),
+            precision=precision,
+            block_precision=view_precision(path, self.placements),
+            baseline=self.baseline,
+            mounting=mounting,
+        )
 
     def _number_entries(self) -> Tensor:
         """Return the (E,) places of the numbers of effects in the vector."""
@@ -251,11 +261,8 @@ def _visible(state: RigState) -> RigState:
     cameras = []
     for index, camera in enumerate(state.cameras):
         observations = camera.observations
-        poses = state.poses(index)[observations.view]
-        _, failure = camera.model.path.land(
-            observations.pixels, camera.values, poses, observations.exposure
-        )
-        cameras.append(replace(camera, observations=observations.select_rows(failure == 0)))
+        reached = reach_board(camera.model.path, camera.values, observations, state.poses(index))
+        cameras.append(replace(camera, observations=observations.select_rows(reached)))
     return replace(state, cameras=tuple(cameras))
 
 

@@ -18,9 +18,10 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refit_poses
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
+from calib.estimation.residuals import reach_board
 from calib.fitting.inputs import read_views
 from calib.fitting.with_initial_pose import with_initial_pose
-from calib.optics.exposure import MIDDLE
+from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.progress import Progress
@@ -30,6 +31,8 @@ from calib.rig.poses import compose, invert_poses
 from calib.rig.problem import CameraProblem, RigProblem
 from calib.rig.rig import Rig
 from calib.rig.rig_file import RigDescription
+from calib.session.board import Board
+from calib.session.point_target import in_space
 from calib.threads import single_thread
 
 
@@ -38,9 +41,11 @@ class LaterViews:
     """Views of one camera that its calibration was not fitted to."""
 
     calibration: Calibration
+    board: Board
+    """The board of these views. A target of points has the points of its own views."""
     views: tuple[View, ...]
     poses: Tensor
-    """(V, 6) T_camera_board of each view by itself."""
+    """(V, 6) T_camera_board of each view by itself, without the bend of its board."""
 
 
 def read_later_views(
@@ -62,6 +67,8 @@ def read_later_views(
             f" {camera.width}x{camera.height}: take pictures in the calibrated camera"
             " mode."
         )
+    if not calibration.board.is_flat:
+        session = replace(session, board=in_space(session.board))
     if session.board != calibration.board:
         raise InputError(
             f"{session.path} has a {session.board} board of {1e3 * session.board.square:g} mm and"
@@ -75,10 +82,13 @@ def read_later_views(
     views, poses, poseless = with_initial_pose(path, values, views, session.board)
     if views:
         observations = Observations.of(views, session.board)
+        start = with_blocks(poses, path.view_blocks)
+        sigma = calibration.corner_sigma_px if path.has_private_blocks else 1.0
         with single_thread():
-            poses, _ = refit_poses(path, values, observations, poses)
+            placed, _ = refit_poses(path, values, observations, start, sigma=sigma)
+        poses = placed[:, :6]
     dropped = [(r.name, r.reason) for r in (*rejected, *unusable, *poseless)]
-    return LaterViews(calibration, views, poses), dropped
+    return LaterViews(calibration, session.board, views, poses), dropped
 
 
 def mounting_of(rig: Rig, name: str) -> Tensor:
@@ -97,7 +107,7 @@ def renumber_views(
     for name, camera in cameras.items():
         place = torch.from_numpy(placements.of_views[name])
         mounting = mounting_of(rig, name)
-        board = camera.calibration.board
+        board = camera.board
         expected = compose(mounting, placed[place])
         quarters, poses = nearest_turns(camera.poses, expected, board)
         views = tuple(
@@ -125,33 +135,35 @@ class PlacedViews:
     """(V,) int64"""
 
     def poses(self, placements: Tensor) -> Tensor:
-        """Return the (V, 6) T_camera_board of the views for (P, 6) placements."""
+        """Return the (V, B) T_camera_board of the views for (P, B) placements."""
         return compose(self.mounting, placements[self.placement])
 
 
 def fit_placements(views: Sequence[PlacedViews], start: Tensor, sigma: float = 1.0) -> Tensor:
-    """Return the (P, 6) placements T_reference_board of least reprojection error, one for all
-    cameras.
+    """Return the (P, B) placements T_reference_board of least reprojection error, one for all
+    cameras. If the board bends differently in every placement, each has a bend.
 
     Args:
-        start: (P, 6) placements to start from.
-        sigma: px; single bad corners beyond three times this pull less.
+        start: (P, 6) or (P, B) placements to start from.
+        sigma: px; single bad corners beyond three times this pull less. It also weights the corners
+            against the prior of bends.
     """
     problems = []
+    start = with_blocks(start, views[0].path.view_blocks)
     empty = torch.zeros(0, dtype=torch.int64)
     for placed in views:
         path, values, observations = placed.path, placed.values, placed.observations
         poses = placed.poses(start)
-        _, failure = path.land(observations.pixels, values, poses[observations.view], MIDDLE)
-        observations = observations.select_rows(failure == 0)
+        observations = observations.select_rows(reach_board(path, values, observations, poses))
         weights = pixel_weights(path, values, observations, poses, sigma)
         parameters = Parameters.none(values)
         blocks = tuple(make_residual_blocks(path, parameters, observations, weights))
         landing = LandingProblem(
-            parameters, blocks, weights.new_zeros(0, 0), view_precision(path, poses)
+            parameters, blocks, weights.new_zeros(0, 0), poses.new_zeros(poses.shape[1])
         )
         problems.append(CameraProblem(landing, empty, placed.mounting, empty, placed.placement))
-    problem = RigProblem(tuple(problems), start.new_zeros(0, 0))
+    precision = view_precision(views[0].path, start)
+    problem = RigProblem(tuple(problems), start.new_zeros(0, 0), precision)
     return minimise(problem, start.new_zeros(0), start).blocks
 
 

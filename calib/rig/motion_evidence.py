@@ -7,7 +7,7 @@ anew (random). With the rig's numbers and the placements, all are integrated out
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RandomMotion:
-    """Motions that each placement draws anew."""
+    """Motions of a camera, or bends of the board, that each placement draws anew."""
 
     columns: slice
     """Their columns in the products."""
@@ -30,6 +30,25 @@ class RandomMotion:
     """True if half of the corners of a held-out placement may tell its motions; False for an
     uncertainty that no effect explains.
     """
+
+
+def realign(
+    motions: Sequence[RandomMotion], old: MotionProducts, new: MotionProducts
+) -> tuple[RandomMotion, ...]:
+    """Return random motions of cameras for the products of a later fit, which has more numbers: the
+    columns of all motions move by as many.
+    """
+    further = _first_motion(new) - _first_motion(old)
+    return tuple(
+        replace(m, columns=slice(m.columns.start + further, m.columns.stop + further))
+        for m in motions
+    )
+
+
+def _first_motion(products: MotionProducts) -> int:
+    """Return the first column of the motions."""
+    first: int = min(place.start for place in products.motions.values())
+    return first
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,7 +28,7 @@ from calib.rig.problem import CameraProblem, RigProblem
 MAX_BYTES = 4e9
 """The most memory that the products may take."""
 POSE = slice(0, 6)
-"""The columns of the placement itself."""
+"""The columns of the pose of the placement itself."""
 MOTIONS = 12
 """A motion of the camera, then one of the board that it sees: a rotation (rad) and a translation
 (m) each. That of the camera is a motion of everything outside, in the camera's frame.
@@ -48,15 +48,23 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionProducts:
     """The inner products of each placement's columns, in standard deviations of the corners: those
-    of the placement (6), of the rig's numbers (S), of the motions of each camera (12 each), those
-    of effects of single cameras and of the board, and the
-    residual.
+    of the placement (E: its pose, and its bend if the fit has one), of the rig's numbers (S), of
+    the motions of each camera (12 each), of a bend of the board that the fit lacks, those of
+    effects of single cameras and of the board, and the residual.
     """
 
     products: Array
-    """(P, n, n)"""
+    """(P, n, n), with the prior of the placements."""
     halves: Array
-    """(2, P, n, n) the same of every other corner."""
+    """(2, P, n, n) the same of every other corner, without the prior."""
+    blocks: Array
+    """(P, E) the numbers of the placements."""
+    block_precision: Array
+    """(E,) that of their prior: 0 for a pose."""
+    bends: slice
+    """The columns of a bend of the board in each placement; empty if the fit has it, or if the
+    board is stiff.
+    """
     numbers: NDArray[np.int64]
     """(S,) the columns of the rig's vector."""
     own_effects: tuple[OwnEffect, ...]
@@ -80,10 +88,16 @@ class MotionProducts:
     """(n, n) the sum of these."""
 
     def __post_init__(self) -> None:
-        rows = self.products[:, POSE, :]
-        reduction = rows.swapaxes(1, 2) @ np.linalg.solve(self.products[:, POSE, POSE], rows)
+        rows = self.products[:, self.placement, :]
+        inner = rows[:, :, self.placement]
+        reduction = rows.swapaxes(1, 2) @ np.linalg.solve(inner, rows)
         object.__setattr__(self, "without_placements", self.products - reduction)
         object.__setattr__(self, "total", self.without_placements.sum(0))
+
+    @property
+    def placement(self) -> slice:
+        """The columns of the placement itself, with the bend that the fit has."""
+        return slice(0, len(self.block_precision))
 
     @staticmethod
     def of(wider: WideState) -> MotionProducts:
@@ -91,78 +105,149 @@ class MotionProducts:
         state = wider.state
         wide = _with_motions(state)
         vector = wide.vector()
-        _check_size(len(vector) + 7, len(state.placements))
-        limit = _robust_limit(wide, vector)
-        count = len(state.placements)
-        size = len(state.vector())
-        motions = {
-            camera.name: slice(6 + size + MOTIONS * index, 6 + size + MOTIONS * (index + 1))
-            for index, camera in enumerate(state.cameras)
-        }
-        stacked = np.zeros((2, count, len(vector) + 7, len(vector) + 7))
-        imitations = {camera.name: np.zeros((2, count, 6, 6)) for camera in state.cameras}
-        for first in range(0, count, PLACEMENTS_AT_ONCE):
-            chunk = wide.select_placements(range(first, first + PLACEMENTS_AT_ONCE))
-            problem = with_limit(chunk.problem(), limit)
-            for camera, numbers in zip(chunk.cameras, problem.cameras, strict=True):
-                moved = range(motions[camera.name].stop - 6, motions[camera.name].stop)
-                for view, rows in enumerate(_rows(numbers, vector, chunk.placements)):
-                    place = first + int(camera.placement[view])
-                    for half in (0, 1):
-                        chosen = rows[half::2].reshape(-1, rows.shape[-1])
-                        stacked[half, place] += chosen.T @ chosen
-                    points = camera.observations.corners[camera.observations.view == view]
-                    slopes = rows[..., moved].reshape(-1, 6) * camera.sigma
-                    imitations[camera.name][:, place] += _imitations(slopes, points.numpy())
-        products = stacked.sum(0)
-        corners = {}
-        for camera in state.cameras:
-            views = camera.placement[camera.observations.view].numpy()
-            counts = np.bincount(views, minlength=len(state.placements))
-            corners[camera.name] = counts.astype(np.int64)
-        base = wider.base
-        moving = np.concatenate([np.r_[place] for place in motions.values()])
-        order = np.r_[np.r_[POSE], 6 + base, moving]
-        further = np.setdiff1d(np.arange(stacked.shape[-1] - 1), order)
-        order = np.r_[order, further, stacked.shape[-1] - 1]
-        places_in_order = np.argsort(order)
-        precision = wide.problem().precision.numpy()
-        baseline = wide.problem().baseline_row(vector)
-        if baseline:
-            residual, slope, entries = baseline
-            del residual
+        order = _ColumnOrder.of(wider, len(vector))
+        _check_size(order.count, len(state.placements))
+        halves, imitations = _summed(wide, order.motions, order.count)
+        halves = halves[:, :, order.columns[:, None], order.columns]
+        problem = wide.problem()
+        blocks = state.placements[:, : order.fitted].numpy()
+        block_precision = problem.block_precision[: order.fitted].numpy()
+        precision = problem.precision.numpy()
+        if baseline := problem.baseline_row(vector):
+            _, slope, entries = baseline
             places = entries.numpy()  # in the vector
             precision[np.ix_(places, places)] += torch.outer(slope, slope).numpy()
+        base = wider.base
         return MotionProducts(
-            products=products[:, order[:, None], order],
-            halves=stacked[:, :, order[:, None], order],
-            numbers=6 + np.arange(len(base)),
+            products=_with_prior(halves.sum(0), blocks, block_precision),
+            halves=halves,
+            blocks=blocks,
+            block_precision=block_precision,
+            bends=order.bends,
+            numbers=order.fitted + np.arange(len(base)),
             own_effects=tuple(
-                replace(effect, entries=places_in_order[6 + effect.entries])
+                replace(effect, entries=order.places[order.block + effect.entries])
                 for effect in wider.effects
             ),
             motions={
-                name: slice(*(places_in_order[[place.start, place.stop - 1]] + [0, 1]))
-                for name, place in motions.items()
+                name: slice(*(order.places[[place.start, place.stop - 1]] + [0, 1]))
+                for name, place in order.motions.items()
             },
             vector=vector.numpy()[base],
             precision=precision[np.ix_(base, base)],
             imitations=imitations,
-            corners=corners,
+            corners={camera.name: _corner_counts(camera, state) for camera in state.cameras},
         )
 
     def without_own_effects(self) -> MotionProducts:
         """Return the products without the columns of effects of single cameras and of the board,
         which come last.
         """
-        last = max(place.stop for place in self.motions.values())
-        columns = np.r_[np.arange(last), self.products.shape[-1] - 1]
+        columns = np.r_[np.arange(self.bends.stop), self.products.shape[-1] - 1]
         return replace(
             self,
             products=self.products[:, columns[:, None], columns],
             halves=self.halves[:, :, columns[:, None], columns],
             own_effects=(),
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ColumnOrder:
+    """The columns of linearised rows, which have the whole placement first and then the vector, in
+    the order of `MotionProducts`.
+    """
+
+    count: int
+    """The number of columns."""
+    block: int
+    """B, the number of columns of the whole placement."""
+    fitted: int
+    """E, those of the numbers that the fit has."""
+    motions: Mapping[str, slice]
+    """The motions of each camera among the columns of the rows."""
+    columns: NDArray[np.int64]
+    """(n,) the columns of the rows in the order of the products."""
+
+    @staticmethod
+    def of(wider: WideState, length: int) -> _ColumnOrder:
+        """Return the order for a vector of some length, with the motions at its end."""
+        state, base = wider.state, wider.base
+        block = state.placements.shape[1]
+        fitted = POSE.stop if wider.board_flex else block
+        first = block + len(state.vector())
+        motions = {
+            camera.name: slice(first + MOTIONS * index, first + MOTIONS * (index + 1))
+            for index, camera in enumerate(state.cameras)
+        }
+        moving = np.arange(first, block + length)
+        named = np.r_[np.arange(fitted), block + base, moving, np.arange(fitted, block)]
+        residual = block + length
+        further = np.setdiff1d(np.arange(residual), named)
+        return _ColumnOrder(
+            residual + 1, block, fitted, motions, np.r_[named, further, residual].astype(np.int64)
+        )
+
+    @property
+    def places(self) -> NDArray[np.int64]:
+        """(n,) the place of each column of the rows in the products."""
+        return np.argsort(self.columns)
+
+    @property
+    def bends(self) -> slice:
+        """The place of the bends that the fit lacks: behind the last motion."""
+        last = max(int(self.places[place.stop - 1]) for place in self.motions.values())
+        return slice(last + 1, last + 1 + self.block - self.fitted)
+
+
+def _summed(
+    wide: RigState, motions: Mapping[str, slice], columns: int
+) -> tuple[Array, dict[str, Array]]:
+    """Return the (2, P, n, n) products of every other corner of each placement, and the imitations
+    of `MotionProducts`.
+
+    Args:
+        wide: the state with the motions of each camera.
+        motions: their columns.
+        columns: n.
+    """
+    vector, count = wide.vector(), len(wide.placements)
+    limit = _robust_limit(wide, vector)
+    halves = np.zeros((2, count, columns, columns))
+    imitations = {camera.name: np.zeros((2, count, 6, 6)) for camera in wide.cameras}
+    for first in range(0, count, PLACEMENTS_AT_ONCE):
+        chunk = wide.select_placements(range(first, first + PLACEMENTS_AT_ONCE))
+        problem = with_limit(chunk.problem(), limit)
+        for camera, numbers in zip(chunk.cameras, problem.cameras, strict=True):
+            moved = range(motions[camera.name].stop - 6, motions[camera.name].stop)
+            for view, rows in enumerate(_rows(numbers, vector, chunk.placements)):
+                place = first + int(camera.placement[view])
+                for half in (0, 1):
+                    chosen = rows[half::2].reshape(-1, columns)
+                    halves[half, place] += chosen.T @ chosen
+                points = camera.observations.corners[camera.observations.view == view]
+                slopes = rows[..., moved].reshape(-1, 6) * camera.sigma
+                imitations[camera.name][:, place] += _imitations(slopes, points.numpy())
+    return halves, imitations
+
+
+def _with_prior(products: Array, blocks: Array, precision: Array) -> Array:
+    """Return the (P, n, n) products with the prior of the placements' (P, E) numbers, of (E,)
+    precision about zero.
+    """
+    places = range(len(precision))
+    pull = precision * blocks
+    products[:, places, places] += precision
+    products[:, places, -1] += pull
+    products[:, -1, places] += pull
+    products[:, -1, -1] += (pull * blocks).sum(1)
+    return products
+
+
+def _corner_counts(camera: CameraState, state: RigState) -> NDArray[np.int64]:
+    """Return the (P,) numbers of corners that a camera sees of each placement."""
+    places = camera.placement[camera.observations.view].numpy()
+    return np.bincount(places, minlength=len(state.placements)).astype(np.int64)
 
 
 def _check_size(columns: int, placements: int) -> None:
@@ -196,7 +281,7 @@ def motion_terms(camera: CameraState, state: RigState, index: int, first: int) -
     mounting = state.mountings[state.layout.frames[index]]
     by_mounting[:, :, :6] = torch.from_numpy(np.linalg.inv(mounting_motion(mounting)))
     placements = state.placements[camera.placement].numpy()
-    by_placement[:, :, 6:] = torch.from_numpy(motion_in_placement(placements))
+    by_placement[:, :, 6:] = torch.from_numpy(motion_in_placement(placements[:, POSE]))
     return PoseTerms(torch.arange(first, first + MOTIONS), by_mounting, by_placement)
 
 
@@ -230,21 +315,22 @@ def _robust_limit(state: RigState, vector: Tensor) -> float:
 
 
 def _rows(camera: CameraProblem, vector: Tensor, placements: Tensor) -> Iterator[Array]:
-    """Yield, for each view of a camera, the (m, 2, n) columns of its m corners; those of the
-    placement are not eliminated.
+    """Yield, for each view of a camera, the (m, 2, n) columns of its m corners: those of the
+    whole placement, of the vector, and the residual.
     """
     if not len(camera.placement):
         return
     composed = camera.compose_with_derivatives(vector, placements)
     by_moving = camera.by_moving(composed).numpy()
     by_placement = composed.by_placement.numpy()
-    columns, moving = 6 + camera.columns.numpy(), 6 + camera.moving.numpy()
+    block = placements.shape[1]
+    columns, moving = block + camera.columns.numpy(), block + camera.moving.numpy()
     view = 0
     for piece in camera.landing.linearise(vector[camera.columns], composed.poses):
         for start, stop in pairwise(piece.starts.tolist()):
-            by_pose = piece.jacobian_block[start:stop].numpy()  # (m, 2, 6)
-            rows = np.zeros((stop - start, 2, len(vector) + 7))
-            rows[..., POSE] = by_pose @ by_placement[view]
+            by_pose = piece.jacobian_block[start:stop].numpy()  # (m, 2, B)
+            rows = np.zeros((stop - start, 2, block + len(vector) + 1))
+            rows[..., :block] = by_pose @ by_placement[view]
             rows[..., columns] = piece.jacobian_shared[start:stop].numpy()
             rows[..., moving] = by_pose @ by_moving[view]
             rows[..., -1] = piece.residual[start:stop].numpy()

@@ -128,7 +128,7 @@ def describe_other_pairing(
 
 def turn_steps(board: Board) -> tuple[int, ...]:
     """Return the numbers of quarter turns after which the board looks the same."""
-    if board.coding:
+    if board.coding or not board.has_grid:
         return (0,)
     return (0, 1, 2, 3) if board.columns == board.rows else (0, 2)
 

@@ -1,5 +1,8 @@
 """Effects of one camera, or of the board that all cameras see, as rivals of those of the rig: what
 they would change in the corners may look like cameras that disagree.
+
+A board that bends differently in every placement is no rival but an effect that a rig's fit may
+have. Its numbers belong to the placements.
 """
 
 from __future__ import annotations
@@ -12,9 +15,11 @@ import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
+from calib.effects.board_flex import BoardFlex
 from calib.effects.effect import Effect, EffectContext, is_possible, scaled_prior_sigmas
 from calib.effects.registry import EFFECTS
 from calib.estimation.camera_model import CameraModel
+from calib.optics.board_target import with_blocks
 from calib.rig.joint_estimate import CameraState, RigState
 from calib.rig.layout import RigLayout
 from calib.rig.rig import Rig
@@ -47,16 +52,28 @@ class WideState:
     base: Indices
     """(S,) the places of the numbers of the state without them."""
     effects: tuple[OwnEffect, ...]
+    board_flex: BoardFlex | None = None
+    """The effect whose bends the placements have and those of the base state have not."""
 
 
 def with_own_effects(rig: Rig, state: RigState) -> WideState:
-    """Return a state with the effects that its cameras and its board may have."""
-    proposed = [tuple(_proposed(rig.calibrations[camera.name], camera)) for camera in state.cameras]
-    return with_effects(state, proposed)
+    """Return a state with the effects that its cameras and its board may have, a bend of the board
+    in every placement among them.
+    """
+    contexts = [_context(rig.calibrations[camera.name], camera) for camera in state.cameras]
+    board_flex = next(iter(BoardFlex.propose(contexts[0])), None)
+    further = [board_flex] if board_flex else []
+    proposed = [
+        (*_proposed(context, camera), *further)
+        for context, camera in zip(contexts, state.cameras, strict=True)
+    ]
+    return replace(with_effects(state, proposed), board_flex=board_flex)
 
 
 def with_effects(state: RigState, effects: Sequence[Sequence[Effect]]) -> WideState:
-    """Return a state with further effects of each camera. Those of the board are of all cameras."""
+    """Return a state with further effects of each camera. Those of the board are of all cameras. A
+    placement has the further numbers that an effect adds to every view, at zero.
+    """
     names = [camera.name for camera in state.cameras]
     models = [
         camera.model.with_effects(new) for camera, new in zip(state.cameras, effects, strict=True)
@@ -70,12 +87,13 @@ def with_effects(state: RigState, effects: Sequence[Sequence[Effect]]) -> WideSt
         )
         for camera, model in zip(state.cameras, models, strict=True)
     )
-    wide = replace(state, cameras=cameras, layout=layout)
+    placements = with_blocks(state.placements, models[0].path.view_blocks)
+    wide = replace(state, cameras=cameras, layout=layout, placements=placements)
     by_owner: dict[tuple[str, str], OwnEffect] = {}
     for index, (model, new) in enumerate(zip(models, effects, strict=True)):
         board = {param.name for param in model.path.target.params}
         places = _places(model, layout, index)
-        for effect in new:
+        for effect in (effect for effect in new if effect.effect_parameters):
             numbers = [unknown.param.name for unknown in effect.effect_parameters]
             owner = "" if board.issuperset(numbers) else names[index]
             entries = np.concatenate([places[name] for name in numbers])
@@ -83,12 +101,9 @@ def with_effects(state: RigState, effects: Sequence[Sequence[Effect]]) -> WideSt
     return WideState(wide, _base_places(state, wide), tuple(by_owner.values()))
 
 
-def _proposed(calibration: Calibration, camera: CameraState) -> Iterator[Effect]:
-    """Yield the effects of scalars that are neutral at the start, and that a first derivative
-    judges.
-    """
+def _context(calibration: Calibration, camera: CameraState) -> EffectContext:
     model = camera.model
-    context = EffectContext(
+    return EffectContext(
         board=calibration.board,
         width=calibration.camera.width,
         height=calibration.camera.height,
@@ -97,6 +112,13 @@ def _proposed(calibration: Calibration, camera: CameraState) -> Iterator[Effect]
         estimated=frozenset(model.priors.sigmas),
         shutter=calibration.camera.shutter,
     )
+
+
+def _proposed(context: EffectContext, camera: CameraState) -> Iterator[Effect]:
+    """Yield the effects of scalars that are neutral at the start, and that a first derivative
+    judges.
+    """
+    model = camera.model
     for kind in EFFECTS:
         if kind.per_view or kind.needs_place or not kind.judged_by_score:
             continue

@@ -165,7 +165,7 @@ class LinearRig:
 
         Args:
             views: those of each camera; a camera may have several groups, each with a mounting.
-            placements: (P, 6) T_reference_board.
+            placements: (P, B) T_reference_board, with the bends of the board.
             noise: the noise of each camera's corners over that of its calibration.
         """
         places = self.columns()
@@ -197,7 +197,7 @@ class LinearRig:
         sigma: float,
         places: Mapping[str, slice],
     ) -> Iterator[tuple[int, Array, Array]]:
-        """Yield the placement of each view, its (2m, 6) derivatives by the placement, and its
+        """Yield the placement of each view, its (2m, B) derivatives by the placement, and its
         (2m, n) columns.
         """
         composed = compose_with_derivatives(placed.mounting, placements[placed.placement])
@@ -209,7 +209,7 @@ class LinearRig:
         for view, (place, rows) in enumerate(
             zip(placed.placement.tolist(), equations, strict=True)
         ):
-            by_pose = rows.jacobian_block[:, :6]
+            by_pose = rows.jacobian_block
             by_mounting = by_pose @ composed.by_mounting[view].numpy()
             columns = np.zeros((len(rows.residual), size))
             columns[:, 0] = rows.residual

@@ -36,8 +36,9 @@ class PoseTerms:
         )
 
     def moved(self, mounting: Tensor, placements: Tensor, numbers: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the (V, 6) mounting and placement of each view, from the (6,) mounting, the (V, 6)
-        placements and all numbers of the vector.
+        """Return the (V, 6) mounting and the (V, B) placement of each view, from the (6,) mounting,
+        the (V, B) placements and all numbers of the vector.
         """
         values = numbers[self.entries]
-        return mounting + self.by_mounting @ values, placements + self.by_placement @ values
+        poses = placements[:, :6] + self.by_placement @ values
+        return mounting + self.by_mounting @ values, torch.cat([poses, placements[:, 6:]], 1)

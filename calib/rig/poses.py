@@ -4,6 +4,10 @@ A pose is T_to_from as (6,) numbers, a rotation vector (rad) and a translation (
 mounting is T_camera_reference, a board's placement T_reference_board, and the board's pose in the
 camera is their product, T_camera_board.
 
+The numbers of a placement may go on behind its pose, with the bend of its board
+(`calib.optics.board_target.VIEW_BLOCKS`). A bend is in the board's frame, so every camera sees the
+same one.
+
 Source: T. D. Barfoot, State estimation for robotics (2017), section 7.1.5, for the left Jacobian of
 SO(3) and its inverse.
 """
@@ -30,39 +34,41 @@ class ComposedPoses:
     """The (V, 6) poses of boards in a camera, and their derivatives."""
 
     poses: Tensor
-    """(V, 6) T_camera_board."""
+    """(V, B) T_camera_board, and the bend of the board if there is one."""
     by_mounting: Tensor
-    """(V, 6, 6) derivatives by the camera's mounting."""
+    """(V, B, 6) derivatives by the camera's mounting."""
     by_placement: Tensor
-    """(V, 6, 6) derivatives by the board's placement."""
+    """(V, B, B) derivatives by the board's placement."""
 
 
 def compose(mounting: Tensor, placements: Tensor) -> Tensor:
-    """Return the (..., 6) poses T_camera_board of (..., 6) placements T_reference_board, for a
-    (..., 6) mounting T_camera_reference.
+    """Return the (..., B) poses T_camera_board of (..., B) placements T_reference_board, for a
+    (..., 6) mounting T_camera_reference. A bend of the board stays as it is.
     """
     turn = rotation.matrix(mounting[..., :3])
     turns = turn @ rotation.matrix(placements[..., :3])
-    shifts = (turn @ placements[..., 3:].unsqueeze(-1)).squeeze(-1) + mounting[..., 3:]
-    return torch.cat([rotation_vector(turns), shifts], -1)
+    shifts = (turn @ placements[..., 3:6].unsqueeze(-1)).squeeze(-1) + mounting[..., 3:]
+    bends = placements[..., 6:].expand(*shifts.shape[:-1], -1)
+    return torch.cat([rotation_vector(turns), shifts, bends], -1)
 
 
 def compose_with_derivatives(mounting: Tensor, placements: Tensor) -> ComposedPoses:
-    """Return the poses of (V, 6) placements T_reference_board in a camera of a (6,) mounting
+    """Return the poses of (V, B) placements T_reference_board in a camera of a (6,) mounting
     T_camera_reference, or of a (V, 6) mounting in each view, and their derivatives.
     """
     poses = compose(mounting, placements)
     turn = rotation.matrix(mounting[..., :3])
     to_vector = torch.linalg.inv(rotation.left_jacobian(poses[:, :3]))  # (V, 3, 3)
     turn_by_mounting = rotation.left_jacobian(mounting[..., :3])
-    arm = (turn @ placements[:, 3:].unsqueeze(-1)).squeeze(-1)  # (V, 3) m, in the camera frame
-    by_mounting = poses.new_zeros(len(poses), 6, 6)
+    arm = (turn @ placements[:, 3:6].unsqueeze(-1)).squeeze(-1)  # (V, 3) m, in the camera frame
+    count, size = poses.shape
+    by_mounting = poses.new_zeros(count, size, 6)
     by_mounting[:, :3, :3] = to_vector @ turn_by_mounting
-    by_mounting[:, 3:, :3] = -cross_matrix(arm) @ turn_by_mounting
-    by_mounting[:, 3:, 3:] = torch.eye(3).to(poses)
-    by_placement = torch.zeros_like(by_mounting)
+    by_mounting[:, 3:6, :3] = -cross_matrix(arm) @ turn_by_mounting
+    by_mounting[:, 3:6, 3:] = torch.eye(3).to(poses)
+    by_placement = torch.eye(size).to(poses).repeat(count, 1, 1)
     by_placement[:, :3, :3] = to_vector @ turn @ rotation.left_jacobian(placements[:, :3])
-    by_placement[:, 3:, 3:] = turn
+    by_placement[:, 3:6, 3:6] = turn
     return ComposedPoses(poses, by_mounting, by_placement)
 
 

@@ -52,12 +52,12 @@ class CameraProblem:
         return torch.cat([self.mounting, self.terms.entries]) if self.terms else self.mounting
 
     def by_moving(self, composed: ComposedPoses) -> Tensor:
-        """Return the (V, 6, m) derivatives of the poses by these entries."""
+        """Return the (V, B, m) derivatives of the poses by these entries."""
         slopes = [composed.by_mounting[..., : len(self.mounting)]]
         if self.terms:
             slopes += [
                 composed.by_mounting @ self.terms.by_mounting
-                + composed.by_placement @ self.terms.by_placement
+                + composed.by_placement[..., :6] @ self.terms.by_placement
             ]
         return torch.cat(slopes, -1)
 
@@ -66,7 +66,7 @@ class CameraProblem:
         return self.nominal + shared[self.mounting] if len(self.mounting) else self.nominal
 
     def compose(self, shared: Tensor, placements: Tensor) -> Tensor:
-        """Return the (V, 6) poses of the views."""
+        """Return the (V, B) poses of the views."""
         return compose(*self._placed(shared, placements))
 
     def compose_with_derivatives(self, shared: Tensor, placements: Tensor) -> ComposedPoses:
@@ -74,7 +74,7 @@ class CameraProblem:
         return compose_with_derivatives(*self._placed(shared, placements))
 
     def _placed(self, shared: Tensor, placements: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the mounting and the (V, 6) placements of the views."""
+        """Return the mounting and the (V, B) placements of the views."""
         mounting, places = self.mounting_at(shared), placements[self.placement]
         return self.terms.moved(mounting, places, shared) if self.terms else (mounting, places)
 
@@ -101,22 +101,22 @@ class BaselinePrior:
 
 @dataclass(frozen=True, slots=True)
 class RigProblem:
-    """The problem of all cameras; its blocks are the (P, 6) placements T_reference_board."""
+    """The problem of all cameras; its blocks are the (P, B) placements T_reference_board, each with
+    the bend of its board if boards bend.
+    """
 
     cameras: tuple[CameraProblem, ...]
+    """Their own problems have no prior on a view's numbers: several views show one placement."""
     precision: Tensor
     """(S, S) precision of the prior on the rig's vector."""
+    block_precision: Tensor
+    """(B,) precision of the prior on a placement's numbers: 0 for its pose."""
     baseline: BaselinePrior | None = None
     mounting: tuple[Tensor, Tensor] | None = None
     """That of the baseline's camera: (6,) at the zero vector, and the (6,) int64 entries of the
     rig's vector that are added to it. A camera behind a shared cover has its boards in the frame of
     another camera, but its baseline is its own.
     """
-
-    @property
-    def block_precision(self) -> Tensor:
-        """The (6,) precision of the prior on a placement: there is none."""
-        return self.precision.new_zeros(6)
 
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
         return self._baseline_cost(shared) + sum(
@@ -131,8 +131,9 @@ class RigProblem:
         """Take a Gauss-Newton step of each placement by itself where it lowers the cost of the
         corners that all cameras saw of it.
         """
-        hessian, gradient = blocks.new_zeros(len(blocks), 6, 6), torch.zeros_like(blocks)
-        costs = blocks.new_zeros(len(blocks))
+        hessian = self.block_precision.diag().repeat(len(blocks), 1, 1)
+        gradient = self.block_precision * blocks
+        costs = self._block_prior(blocks)
         traced = []
         for camera in self.cameras:
             landing = camera.landing
@@ -154,15 +155,15 @@ class RigProblem:
         steps, singular = torch.linalg.solve_ex(hessian, gradient)
         usable = (singular == 0)[:, None] & steps.isfinite()
         stepped = blocks - torch.where(usable, steps, 0.0)
-        new_costs = torch.zeros_like(costs)
+        new_costs = self._block_prior(stepped)
         for camera, block, views, rays, values in traced:
             poses = camera.compose(shared, stepped)[views]
             residual, lands = block.residual(rays, values, poses)
             view_costs = camera.landing.view_costs(block, residual, lands, poses)
             new_costs.index_add_(0, camera.placement[views], view_costs)
         better = new_costs < costs
-        total = torch.where(better, new_costs, costs).sum()
         best = torch.where(better[:, None], stepped, blocks)
+        total = (torch.where(better, new_costs, costs) - self._block_prior(best)).sum()
         return best, float(total) + self._baseline_cost(shared)
 
     def baseline_row(self, shared: Tensor) -> tuple[float, Tensor, Tensor] | None:
@@ -173,6 +174,10 @@ class RigProblem:
             return None
         nominal, entries = self.mounting
         return *self.baseline.row(nominal + shared[entries]), entries
+
+    def _block_prior(self, blocks: Tensor) -> Tensor:
+        """Return the (P,) prior cost of the (P, B) placements."""
+        return blocks**2 @ self.block_precision
 
     def _baseline_cost(self, shared: Tensor) -> float:
         row = self.baseline_row(shared)
@@ -198,7 +203,7 @@ class RigLinearisation:
             camera.landing.linearisation(shared[camera.columns], poses.poses)
             for camera, poses in zip(problem.cameras, composed, strict=True)
         )
-        equations = _zero_equations(len(placements), len(shared), placements)
+        equations = _zero_equations(placements, len(shared))
         for camera, poses, rows in zip(problem.cameras, composed, linearised, strict=True):
             equations = _add_camera(equations, camera, poses, rows.equations)
         if row := problem.baseline_row(shared):
@@ -209,7 +214,7 @@ class RigLinearisation:
 
     def curvature_gradient(self, move: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
         """Return the products of the Jacobian with the second derivatives of the residuals along a
-        (S,) and (P, 6) move. The views' poses move linearly: the curvature of their composition is
+        (S,) and (P, B) move. The views' poses move linearly: the curvature of their composition is
         left out.
         """
         by_shared = torch.zeros_like(self.equations.gradient_shared)
@@ -229,13 +234,14 @@ class RigLinearisation:
         return by_block, by_shared
 
 
-def _zero_equations(placements: int, shared: int, like: Tensor) -> NormalEquations:
+def _zero_equations(placements: Tensor, shared: int) -> NormalEquations:
+    count, size = placements.shape
     return NormalEquations(
-        hessian_block=like.new_zeros(placements, 6, 6),
-        hessian_cross=like.new_zeros(placements, 6, shared),
-        hessian_shared=like.new_zeros(shared, shared),
-        gradient_block=like.new_zeros(placements, 6),
-        gradient_shared=like.new_zeros(shared),
+        hessian_block=placements.new_zeros(count, size, size),
+        hessian_cross=placements.new_zeros(count, size, shared),
+        hessian_shared=placements.new_zeros(shared, shared),
+        gradient_block=torch.zeros_like(placements),
+        gradient_shared=placements.new_zeros(shared),
         sum_of_squares=0.0,
     )
 
@@ -260,7 +266,7 @@ def _add_camera(
     slope = poses.by_placement
     total.hessian_shared.index_put_((columns[:, None], columns), shared, accumulate=True)
     total.gradient_shared.index_put_((columns,), gradient, accumulate=True)
-    places = camera.placement[:, None, None], torch.arange(6)[:, None], columns
+    places = camera.placement[:, None, None], torch.arange(slope.shape[2])[:, None], columns
     total.hessian_cross.index_put_(places, slope.mT @ cross, accumulate=True)
     total.hessian_block.index_add_(0, camera.placement, slope.mT @ rows.hessian_block @ slope)
     view_gradient = (slope.mT @ rows.gradient_block.unsqueeze(-1)).squeeze(-1)
@@ -276,7 +282,7 @@ def _add_camera(
 
 
 def _split(landing: LandingProblem, poses: Tensor) -> Iterator[tuple]:
-    """Yield each residual block, the slice of its views, and their (v, 6) poses."""
+    """Yield each residual block, the slice of its views, and their (v, B) poses."""
     start = 0
     for block, block_poses in landing.split(poses):
         stop = start + len(block_poses)

@@ -16,7 +16,7 @@ from calib.io.file_set import FileSet
 from calib.report.chart import border_pixels
 from calib.report.evidence import Evidence, gather_evidence
 from calib.report.figure import Drawing
-from calib.report.page import COLOURS, PageSection, document
+from calib.report.page import COLOURS, PageSection, document, next_class
 from calib.report.scene import session_in_space, surface_meshes, ways
 from calib.report.scripts import RIG, Scripts
 from calib.report.write import NAME, page_data
@@ -33,8 +33,9 @@ def write_rig_report(rig: Rig, verdict: Verdict, output: FileSet) -> Path:
         evidence = {name: gather_evidence(c) for name, c in rig.calibrations.items()}
         reference = evidence[rig.reference]
         scene = rig_in_space(rig, evidence)
+    cameras = _cameras_html(rig) + _baselines_html(rig) + _effects_html(rig)
     sections = [
-        PageSection("rig", "The cameras", _cameras_html(rig) + _baselines_html(rig)),
+        PageSection("rig", "The cameras", cameras),
         PageSection(scene.name, scene.title, scene.html()),
         PageSection("depths", "Errors by depth", _depths_html(rig, evidence)),
     ]
@@ -42,13 +43,15 @@ def write_rig_report(rig: Rig, verdict: Verdict, output: FileSet) -> Path:
     body = "".join(
         f'<section id="{s.name}"><h2>{escape(s.title)}</h2>{s.html}</section>' for s in sections
     )
-    reasons = "".join(f"<li>{escape(reason.capitalised)}</li>" for reason in verdict.reasons)
+    items = "".join(f"<li>{escape(reason.capitalised)}</li>" for reason in verdict.reasons)
+    reasons = f'<ul class="reasons">{items}</ul>' if items else ""
     header = (
         '<p class="over">Refracal rig report</p>'
         f"<h1>{escape(verdict.word.sentence.removesuffix('.'))}</h1>"
         f'<p class="lead">{len(rig.names)} cameras and {len(rig.placements)} placements of the'
-        f" board.</p>{f'<ul>{reasons}</ul>' if reasons else ''}"
-        f'<p class="command">{verdict.next_label}: <code>{escape(verdict.next)}</code></p>'
+        f" board.</p>{reasons}"
+        f'<p class="{next_class(verdict)}">{verdict.next_label}:'
+        f" <code>{escape(verdict.next)}</code></p>"
         f"<nav>{contents}</nav>"
     )
     style = files("calib.report").joinpath("style.css").read_text(encoding="utf-8")
@@ -140,6 +143,12 @@ def _baselines_html(rig: Rig) -> str:
         for baseline in rig.baselines
     ]
     return html_table(("pinhole to pinhole", ""), rows) if rows else ""
+
+
+def _effects_html(rig: Rig) -> str:
+    """Return the list of what a diagnosis found; empty without a finding."""
+    found = "".join(f"<li>{escape(effect.sentence)}</li>" for effect in rig.record.effects)
+    return f"<p>The diagnosis found:</p><ul>{found}</ul>" if found else ""
 
 
 def _depths_html(rig: Rig, evidence: dict[str, Evidence]) -> str:

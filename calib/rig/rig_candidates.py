@@ -15,7 +15,6 @@ from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 from calib.rig.explanation_fit import FittedExplanation
 from calib.rig.explanations import RigExplanation
 from calib.rig.rig import Rig
-from calib.rig.rig_effects import RIG_EFFECTS
 from calib.rig.rig_finding import RigCandidate
 from calib.rig.rig_sentences import parameters_of
 
@@ -43,12 +42,12 @@ def families_of(
             members[name] = members.get(name, 0.0) + chance
     if len(members) < 2:
         return ()
-    advice = next(effect.advice for effect in RIG_EFFECTS if effect is best.effect)
+    assert best.effect
     return (
         Family(
             "a reason why the cameras disagree on where the board is",
             members,
-            f"To separate them, {advice}.",
+            f"To separate them, {best.effect.advice}.",
         ),
     )
 

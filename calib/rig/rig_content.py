@@ -180,6 +180,22 @@ class RigContent:
         return tuple(self.calibrations)
 
     @property
+    def bends(self) -> Array:
+        """(P, 12) m, the bend of the board in each placement in the terms of `board_flex`; (P, 0)
+        for a board that has the same shape in all placements.
+        """
+        count = max(c.poses.shape[1] for c in self.calibrations.values()) - 6
+        bends = np.zeros((len(self.placements), count))
+        for name, places in self.of_views.items() if count else ():
+            bends[places] = self.calibrations[name].poses[:, 6:]
+        return bends
+
+    @property
+    def placement_numbers(self) -> Array:
+        """(P, 6) the placements, or (P, 18) with the bends of the board."""
+        return np.concatenate([self.placements, self.bends], 1)
+
+    @property
     def cameras_seeing(self) -> Indices:
         """(P,) the number of cameras that see each placement."""
         seeing = np.zeros(len(self.placements), np.int64)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.effects.board_flex import BoardFlex
+from calib.estimation.objective import view_precision
 from calib.rig.board_motion import BoardMotion, motion_in_placement, placement_times
 from calib.rig.joint_estimate import RigState
 from calib.rig.motion_evidence import RandomMotion
 from calib.rig.motion_products import POSE, MotionProducts
-from calib.rig.own_effects import with_own_effects
+from calib.rig.own_effects import WideState, with_own_effects
 from calib.rig.rig import Rig
 
 DISCREPANCY = (1e-4, 10.0)
@@ -40,6 +42,11 @@ class RigContext:
     motion: BoardMotion
     accepted: tuple[RandomMotion, ...] = ()
     """The random motions of effects that were found before."""
+    board_flex: BoardFlex | None = None
+    """The effect whose bends the products have; None if the fit has it, or if the board is stiff.
+    """
+    bend_sigmas: Array = field(default_factory=lambda: np.zeros(0))
+    """(k,) m, the largest plausible standard deviations of these bends."""
 
     @property
     def count(self) -> int:
@@ -87,12 +94,15 @@ def rig_context(
     rig: Rig, state: RigState, times: Array, accepted: tuple[RandomMotion, ...] = ()
 ) -> RigContext:
     """Linearise the fit, and estimate the motion of the board."""
-    wide = MotionProducts.of(with_own_effects(rig, state))
+    wider = with_own_effects(rig, state)
+    wide = MotionProducts.of(wider)
     products = wide.without_own_effects()
-    placements = state.placements.numpy()
-    to_placement = motion_in_placement(placements)
-    information = to_placement.swapaxes(1, 2) @ products.products[:, POSE, POSE] @ to_placement
-    motion = BoardMotion.of(placements, np.asarray(np.linalg.inv(information)), times)
+    placements = state.placements[:, POSE].numpy()
+    inner = products.products[:, products.placement, products.placement]
+    covariance = np.linalg.inv(inner)[:, POSE, POSE]
+    from_placement = np.linalg.inv(motion_in_placement(placements))
+    covariance = from_placement @ covariance @ from_placement.swapaxes(1, 2)
+    motion = BoardMotion.of(placements, covariance, times)
     further = tuple(name for name in rig.names if name != rig.reference)
     compared = further if len(rig.names) == 2 else rig.names
     behind_shared = {*rig.covers, *rig.covers.values()}
@@ -108,7 +118,17 @@ def rig_context(
         shared=rig.cameras_seeing > 1,
         motion=motion,
         accepted=accepted,
+        board_flex=wider.board_flex,
+        bend_sigmas=_bend_sigmas(wider),
     )
+
+
+def _bend_sigmas(wider: WideState) -> Array:
+    """Return the (k,) m prior standard deviations of the bends that the fit lacks."""
+    if not wider.board_flex:
+        return np.zeros(0)
+    precision = view_precision(wider.state.cameras[0].model.path, wider.state.placements)
+    return precision[POSE.stop :].pow(-0.5).numpy()
 
 
 def times_of(rig: Rig, count: int) -> Array:

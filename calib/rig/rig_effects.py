@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from calib.effects.board_flex import BoardFlex
 from calib.rig.moved_cameras import SHIFT_SPREAD, TURN_SPREAD
 from calib.session import tolerances
 
@@ -48,4 +49,10 @@ RIG_SLIP = RigEffect(
     "tighten the mounting, and record again without touching it",
 )
 RIG_EFFECTS = (SYNC_OFFSET, RIG_FLEX, RIG_SLIP)
-"""Every effect that the diagnosis of a rig may propose, in the order in which reports list them."""
+"""Every effect that rigs alone have, in the order in which reports list them."""
+BOARD_FLEX = RigEffect(
+    BoardFlex.name,
+    "The board bends differently in every placement.",
+    "glue the board to something stiff, or support it in the same way in every placement",
+)
+"""The effect of single cameras that a rig's diagnosis finds too: all cameras see the same bend."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from calib.io.result_names import RIG_CALIBRATION_FILE
 from calib.io.shell import shell_path
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
+from calib.session.point_target import in_space
 from calib.session.schema import Number, Quantity, Section
 from calib.session.session import Session, read_session
 
@@ -98,7 +99,7 @@ def _check_kind(file: Path) -> None:
         around = folder.parent / NAME
         rig = f", or give its rig, {shell_path(around)}" if around.exists() else ""
         raise InputError(
-            f"{folder} is a session of one camera, and no rig: calib fit {shell_path(folder)}"
+            f"{folder} is a session of one camera, and no rig: `calib fit {shell_path(folder)}`"
             f" calibrates the camera{rig or f'. A rig has a {NAME}, at the least {MINIMAL}'}."
         )
     result = folder / RIG_CALIBRATION_FILE
@@ -127,6 +128,9 @@ def _read_sessions(section: Section, folder: Path) -> dict[str, Session]:
                     f"{section.file}: cameras names the session {place} twice, for {namesake} and"
                     f" for {name}: each camera has a session of its own, so name that of {name}."
                 )
+    if not all(session.board.is_flat for session in sessions.values()):
+        # a camera may see a flat part of a target that is not flat
+        sessions = {name: replace(s, board=in_space(s.board)) for name, s in sessions.items()}
     boards = {session.board for session in sessions.values()}
     if len(boards) > 1:
         first, *others = sessions

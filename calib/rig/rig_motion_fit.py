@@ -18,6 +18,7 @@ from calib.rig.motion_evidence import (
     FixedMotion,
     RandomMotion,
     ReducedMotions,
+    realign,
 )
 from calib.rig.pose_terms import PoseTerms
 from calib.rig.rig import Rig
@@ -57,10 +58,13 @@ def fit_with_motion(
     assert fitted.fixed
     explanation = fitted.explanation
     index = next(i for i, c in enumerate(state.cameras) if c.name == explanation.camera)
-    motion, value, random = fitted.fixed, fitted.estimate.value, fitted.random
+    motion, value = fitted.fixed, fitted.estimate.value
+    beside = (*context.accepted, *fitted.discrepancy)
+    random: tuple[RandomMotion, ...] | None = None
+    products = context.products
     is_of_camera = motion.columns == context.of_camera(explanation.camera)
     camera = state.cameras[index]
-    accepted = context.accepted
+    accepted = len(context.accepted)
     for _ in range(REFITS if explanation.is_late else 1):
         terms = effect_terms(state, index, motion, is_of_camera=is_of_camera)
         cameras = list(state.cameras)
@@ -72,8 +76,11 @@ def fit_with_motion(
             spreads=torch.cat([state.spreads, torch.from_numpy(motion.spread)]),
         )
         refitted = estimate_rig(start, rounds=ROUNDS).state
-        context = rig_context(rig, refitted, times, (*accepted, *random))
-        reduced = ReducedMotions.of(context.products, (*context.accepted, *fitted.discrepancy))
+        context = rig_context(rig, refitted, times)
+        aligned = realign(beside, products, context.products)
+        if random is None:
+            random = realign(fitted.random, products, context.products)
+        reduced = ReducedMotions.of(context.products, (*aligned, *random))
         # The number of a term stands behind those of the terms before it.
         entries = slice(len(state.vector()), len(state.vector()) + len(value))
         vector = refitted.vector().numpy() + reduced.step()
@@ -85,7 +92,8 @@ def fit_with_motion(
             board = context.of_board(explanation.camera)
             random = (RandomMotion(board, roots(moved.covariance), adapts=False),)
     estimate = FixedEstimate(fitted.estimate.log_evidence, value, covariance)
-    context = replace(context, accepted=(*accepted, *random))
+    assert random is not None
+    context = replace(context, accepted=(*aligned[:accepted], *random))
     first = entries.start - len(state.numbers)
     numbers = JointNumbers(vector[first:], reduced.hessian_inverse[first:, first:])
     return refitted, context, replace(fitted, estimate=estimate, random=random), numbers
@@ -110,7 +118,7 @@ def effect_terms(
         mounting = state.mountings[state.layout.frames[index]]
         to_mounting = torch.from_numpy(np.linalg.inv(mounting_motion(mounting)))
         return PoseTerms(entries, to_mounting @ by_number, zero)
-    placements = state.placements[camera.placement].numpy()
+    placements = state.placements[camera.placement, :6].numpy()
     to_placement = torch.from_numpy(motion_in_placement(placements))
     return PoseTerms(entries, zero, to_placement @ by_number)
 

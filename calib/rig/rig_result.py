@@ -78,7 +78,7 @@ def rig_of(
         reference=reference,
         mountings=state.mountings.numpy(),
         covariance=covariance.numpy() if finite else np.zeros((0, 0)),
-        placements=state.placements.numpy(),
+        placements=state.placements[:, :6].numpy(),
         placement_names=tuple(names),
         of_views={camera.name: camera.placement.numpy() for camera in state.cameras},
         covers=covers,
@@ -119,7 +119,7 @@ def state_of(rig: Rig) -> RigState:
         layout=RigLayout.of(rig.names, list(models.values()), rig.reference, rig.covers),
         nominal=mountings,
         mountings=mountings,
-        placements=torch.from_numpy(rig.placements),
+        placements=torch.from_numpy(rig.placement_numbers),
         baseline=baseline,
     )
 

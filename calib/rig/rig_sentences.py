@@ -4,20 +4,24 @@ open.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.diagnosis.finding import ParameterEstimate
 from calib.effects.effect import EACH_VIEW
+from calib.optics.board_polynomials import bend_sigma, term_name
+from calib.optics.flex_bend import FLEX_TERMS
 from calib.rig.board_motion import MAX_INTERVAL, MIN_BURST
 from calib.rig.check_words import size_and_sigma
 from calib.rig.explanation_fit import FittedExplanation
 from calib.rig.moved_cameras import KINDS
 from calib.rig.rig_content import FoundEffect
 from calib.rig.rig_context import RigContext
-from calib.rig.rig_effects import LATENESS, RIG_FLEX, RIG_SLIP, SYNC_OFFSET
+from calib.rig.rig_effects import BOARD_FLEX, LATENESS, RIG_FLEX, RIG_SLIP, SYNC_OFFSET
 from calib.rounding import with_sigma
+from calib.session.tolerances import BOARD_FLEX as BOARD_BEND
 
 UNTIMED = (
     "Whether a camera exposes later by a constant time cannot be told:"
@@ -26,6 +30,8 @@ UNTIMED = (
 )
 MAX_SIGMAS = 3.0
 """A lateness may be larger than the fit states by so many standard deviations."""
+
+Array = NDArray[np.float64]
 
 
 def parameters_of(fitted: FittedExplanation) -> dict[str, ParameterEstimate]:
@@ -49,6 +55,11 @@ def parameters_of(fitted: FittedExplanation) -> dict[str, ParameterEstimate]:
         if is_undetermined(fitted):
             sigma = max(sigma, explanation.interval_s, abs(value))
         return {f"{name}.late": ParameterEstimate(value, sigma, "s")}
+    if explanation.is_of_bends:
+        # Before a fit has the bends: the standard deviations of their prior.
+        scale, certainty = float(fitted.sizes[0]), float(fitted.size_sigmas[0] / fitted.sizes[0])
+        sizes = [scale * bend_sigma(BOARD_BEND.sigma, term) for term in FLEX_TERMS]
+        return _bend_parameters(sizes, certainty)
     if explanation.varies == EACH_VIEW:
         numbers = ("turn", "rad"), ("shift", "m")
         return {
@@ -73,6 +84,21 @@ def parameters_of(fitted: FittedExplanation) -> dict[str, ParameterEstimate]:
             )
         }
     return {}
+
+
+def bend_parameters(bends: Array) -> dict[str, ParameterEstimate]:
+    """Return the root mean square of each term of (P, 12) m bends of the board, with the standard
+    deviation that as many normal numbers have.
+    """
+    sizes = np.sqrt((bends**2).mean(0)).tolist()
+    return _bend_parameters(sizes, (2 * len(bends)) ** -0.5)
+
+
+def _bend_parameters(sizes: Sequence[float], certainty: float) -> dict[str, ParameterEstimate]:
+    return {
+        f"{BOARD_FLEX.name}.{term_name(term)}": ParameterEstimate(size, certainty * size, "m")
+        for term, size in zip(FLEX_TERMS, sizes, strict=True)
+    }
 
 
 def is_undetermined(fitted: FittedExplanation) -> bool:
@@ -112,6 +138,12 @@ def describe_found(effect: FoundEffect, fitted: FittedExplanation, partner: str)
             f"the board moves between the exposures of {camera} and {partners}, by"
             f" {_sizes(effect)} in each number of its pose"
         )
+    if effect.effect == BOARD_FLEX.name:
+        length = np.sqrt(sum(number.value**2 for number in numbers.values()))
+        return (
+            "the board bends differently in every placement, by"
+            f" {1e3 * length:.2g} mm (root mean square over placements and terms)"
+        )
     if effect.effect == RIG_FLEX.name:
         return (
             f"the mounting of {camera} against {partners} differs from placement to placement, by"
@@ -131,6 +163,19 @@ def open_questions(context: RigContext) -> Iterator[str]:
             f"Whether the mounting of {' and '.join(missing)} flexes or slipped is not asked: a"
             " camera behind a shared cover does not tell its motion from that of the cover."
         )
+
+
+def describe_untested_motion(cameras: Sequence[str]) -> str:
+    """Return a sentence on what else may look like a board that bends.
+
+    Args:
+        cameras: those whose sessions do not state a global shutter.
+    """
+    return (
+        "A board that moves while a picture is read out (rolling_shutter) looks much like one that"
+        " bends, and a rig's fit has no numbers for it. calib diagnose of the folder of"
+        f" {cameras[0]} compares the two."
+    )
 
 
 def describe_own(fitted: FittedExplanation, camera: str) -> str:

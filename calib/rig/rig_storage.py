@@ -106,8 +106,8 @@ def read_rig_content(path: str | FilePath) -> RigContent:
     document = read_yaml(find_current(file))
     if "together" in document:
         raise InputError(
-            f"{file} describes a rig and is no calibration: calib rig fit {shell_path(file)} makes"
-            " one."
+            f"{file} describes a rig and is no calibration:"
+            f" `calib rig fit {shell_path(file)}` makes one."
         )
     if document.get("format") != FORMAT:
         version = brief(repr(document.get("format")))

@@ -37,7 +37,9 @@ class SharedPlacements:
     groups: tuple[tuple[LinearCamera, PlacedViews], ...]
     """The views of each camera; a camera that slipped has two groups."""
     placements: Tensor
-    """(P, 6) T_reference_board."""
+    """(P, B) T_reference_board, with the bend of the board if it bends differently in every
+    placement.
+    """
     names: tuple[str, ...]
     """P names, each that of its first picture."""
     alone: Mapping[str, Tensor]
@@ -51,7 +53,7 @@ class SharedPlacements:
         views: Mapping[str, Sequence[View]],
         poses: Mapping[str, Tensor],
         placements: Placements,
-        board: Board,
+        boards: Mapping[str, Board],
         noise: Mapping[str, float],
     ) -> SharedPlacements | None:
         """Return the placements that two of these cameras saw; None if there is none.
@@ -59,6 +61,7 @@ class SharedPlacements:
         Args:
             views: of each camera.
             poses: (V, 6) T_camera_board of the views, in the frame of `LinearCamera.mounting`.
+            boards: of the views.
         """
         order = _shared_order(views, placements)
         if not len(order):
@@ -75,7 +78,7 @@ class SharedPlacements:
             if not used.any():
                 continue
             chosen = [v for v, use in zip(views[camera.name], used, strict=True) if use]
-            observations = Observations.of(chosen, board)
+            observations = Observations.of(chosen, boards[camera.name])
             placed = camera.placed(observations, torch.from_numpy(places[used]))
             groups.append((camera, placed))
             alone[camera.name] = torch.full((len(order), 6), torch.nan, dtype=torch.float64)
@@ -163,7 +166,7 @@ def own_scatter(rig: Rig, linear: LinearRig) -> Overdispersion:
             linear.cameras, rig.calibrations.values(), rig.of_views.values(), strict=True
         )
     ]
-    placements = torch.from_numpy(rig.placements)
+    placements = torch.from_numpy(rig.placement_numbers)
     left_out = []
     columns = {}
     for place in shared:

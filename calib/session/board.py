@@ -35,6 +35,11 @@ class Board:
         return True
 
     @property
+    def is_flat(self) -> bool:
+        """True if all corners lie in the plane z = 0."""
+        return True
+
+    @property
     def across(self) -> int:
         """The number of corners along the longer side."""
         return max(self.columns, self.rows)
@@ -81,6 +86,11 @@ class Board:
         return np.stack(
             np.meshgrid(self._places(self.columns), self._places(self.rows), indexing="xy"), axis=-1
         ).reshape(-1, 2)
+
+    def points_in_space(self) -> NDArray[np.float64]:
+        """Return (count, 3) m, the same with their z, which is 0 on a flat board."""
+        points = self.points()
+        return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
 
     def _places(self, count: int) -> NDArray[np.float64]:
         """Return (count,) m, the positions along a row or a column."""

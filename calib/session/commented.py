@@ -6,6 +6,7 @@ The comments come from the rules that read the file: explanation, limits and tol
 import json
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 import yaml
 
@@ -34,23 +35,23 @@ def commented_session(
     camera: Mapping[str, object],
     cover: Mapping[str, object],
     remarks: Sequence[str] = (),
+    further: Mapping[str, object] = MappingProxyType({}),
 ) -> str:
     """Return the text of a session.yaml with these sections and a comment on every key.
 
     Args:
-        board: as `read_board` reads it, likewise `camera` and `cover`.
+        board: as `read_board` reads it, likewise `camera` and `cover`; empty if `further` has a
+            target of points.
         remarks: sentences for the top of the file.
+        further: keys outside of these sections, which have no comments.
     """
-    kind = str(board.get("type", "checkerboard"))
     shape = find_shape(str(cover["shape"]))
     lines = [
         *(f"# {harmless(remark)}" for remark in remarks),
         HEAD + "format: 1",
+        *(f"{key}: {_flow(value)}" for key, value in further.items()),
         "",
-        "board:",
-        *_entries(board, {"type": f"one of {', '.join(KEYS)}"} | explain_keys(kind)),
-        *_other_boards(kind),
-        "",
+        *(_board_lines(board) if board else []),
         "camera:",
         *_entries(camera, {key: text for key, (text, _) in CAMERA.items()}),
         *_optional_keys(camera),
@@ -69,6 +70,13 @@ def commented_session(
                 entries = _entries({"shape": alternative.name, **alternative.example}, new)
                 lines += ["# cover:", *(f"# {line}" for line in entries)]
     return "\n".join([*lines, ""])
+
+
+def _board_lines(board: Mapping[str, object]) -> list[str]:
+    """Return the section `board`, and an example of each other type of board."""
+    kind = str(board.get("type", "checkerboard"))
+    comments = {"type": f"one of {', '.join(KEYS)}"} | explain_keys(kind)
+    return ["board:", *_entries(board, comments), *_other_boards(kind), ""]
 
 
 def _entries(mapping: Mapping[str, object], comments: Mapping[str, str]) -> Iterator[str]:

@@ -9,8 +9,10 @@ from calib.errors import InputError
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
 from calib.session.schema import Number
+from calib.session.shapes.layer import WATER, medium_word
 from calib.session.shapes.registry import dimensions
 from calib.session.tolerances import (
+    ANY_WATER,
     FOCAL,
     OWN_CENTRE,
     OWN_COEFFICIENT,
@@ -23,7 +25,9 @@ from calib.session.tolerances import (
 
 INTRINSICS = "intrinsics"
 ALL = "all"
-"""Every number that has a tolerance, except those that the session calls exact."""
+"""Every number that has a tolerance, and the index of water, except those that the session calls
+exact.
+"""
 AUTO = "auto"
 """The same, as long as the estimates stay within their tolerances or are decisively more probable
 than exact numbers.
@@ -56,7 +60,7 @@ def free_parameters(
         )
     if ALL in names or AUTO in names:
         intrinsics = _map_intrinsics(intrinsics, _free_unless_exact)
-        cover = _map_cover(cover, _free_unless_exact, tuple(options))
+        cover = _with_any_water(_map_cover(cover, _free_unless_exact, tuple(options)))
     if INTRINSICS in names:
         intrinsics = _map_intrinsics(intrinsics, _free_number)
     return intrinsics, _map_cover(cover, _free_number, names)
@@ -89,6 +93,16 @@ def _map_cover(
         if tolerance and kinds[name].option in options:
             changed[name] = change(number, tolerance.sigma)
     return cover.replace_numbers(changed)
+
+
+def _with_any_water(cover: Cover) -> Cover:
+    """Return the cover with the tolerance of water outside: whoever writes its index seldom knows
+    whether it is fresh water's or the sea's. The index of air is exact.
+    """
+    medium = cover.medium
+    if not medium or medium_word(medium.value) != WATER:
+        return cover
+    return cover.replace_numbers({cover.medium_name: _free_unless_exact(medium, ANY_WATER.sigma)})
 
 
 def _map_intrinsics(

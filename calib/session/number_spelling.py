@@ -68,7 +68,7 @@ def spelling_advice(key: str, text: str, *, has_sigma: bool, is_whole: bool = Fa
         return f"write {{value: {number:g}, sigma: {uncertainty:g}}}"
     if pair or number is None:
         return ""
-    return f"write {number:g} without a unit, which is that of the key"
+    return f"write {number:g} without a unit: the key says it"
 
 
 def material_index(text: str) -> float | None:

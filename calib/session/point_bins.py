@@ -2,7 +2,8 @@
 
 A fit cannot use more points than the finest thing that it estimates has numbers. Points in one
 square of the picture become one: a quadratic is fitted to their places on the target, and its value
-at the mean pixel is free of the curvature that a plain mean would keep.
+at the mean pixel is free of the curvature that a plain mean would keep. Neighbours in the picture
+may be far from each other on a target that is not flat, so some of its points are used instead.
 """
 
 import numpy as np
@@ -34,6 +35,10 @@ def bin_points(view: PointView) -> PointView:
     """Return the view with at most MAX_POINTS points."""
     if len(view.pixels) <= MAX_POINTS:
         return view
+    if view.places.shape[1] == 3:
+        order = np.random.default_rng(0).permutation(len(view.pixels))  # every n-th may be a line
+        rows = np.sort(order[:MAX_POINTS])
+        return PointView(view.name, view.pixels[rows], view.places[rows], view.covariance[rows])
     wanted = min(MAX_POINTS, len(view.pixels) // MIN_MEMBERS)
     cell, side = _cells(view.pixels, wanted)
     count = int(cell.max()) + 1

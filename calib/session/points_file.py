@@ -15,7 +15,7 @@ FOLDER = "points"
 CONTENT = "pixels (N, 2) px, target (N, 3) m and covariance (N, 2, 2) px^2"
 ROWS = {"pixels": (2,), "target": (3,), "covariance": (2, 2)}
 MAX_HEIGHT = 1e-9
-"""m: a point that is farther from the plane z = 0 is not on a flat target."""
+"""m: if a point is farther from the plane z = 0, the target is not flat."""
 
 
 def point_files(folder: Path) -> tuple[Path, ...]:
@@ -34,7 +34,7 @@ def point_files(folder: Path) -> tuple[Path, ...]:
 
 
 def read_point_view(path: Path, width: int, height: int) -> PointView:
-    """Return the points of one view as `read_dense_points`, neighbours averaged (`bin_points`)."""
+    """Return the points of one view as `read_dense_points`, but fewer (`bin_points`)."""
     return bin_points(read_dense_points(path, width, height))
 
 
@@ -63,11 +63,6 @@ def read_dense_points(path: Path, width: int, height: int) -> PointView:
             f"{path} has a pixel at ({x:g}, {y:g}), outside the camera's {width}x{height} px:"
             " correct camera.width and camera.height, or leave the point out."
         )
-    if (np.abs(target[:, 2]) > MAX_HEIGHT).any():
-        raise InputError(
-            f"{path} has points up to {np.abs(target[:, 2]).max():.3g} m off the plane z = 0: give"
-            " the points of a flat target in its own frame, where z is 0."
-        )
     mirrored = np.abs(covariance - covariance.swapaxes(1, 2)) > 1e-6 * np.abs(covariance).max(
         initial=0.0
     )
@@ -76,7 +71,8 @@ def read_dense_points(path: Path, width: int, height: int) -> PointView:
             f"{path} has a covariance that is not symmetric with variances above 0: give that of"
             " each pixel in px^2, such as 0.01 on the diagonal for 0.1 px."
         )
-    return PointView(path.name, pixels, target[:, :2], covariance)
+    is_flat = bool((np.abs(target[:, 2]) <= MAX_HEIGHT).all())
+    return PointView(path.name, pixels, target[:, :2] if is_flat else target, covariance)
 
 
 def _numbers(

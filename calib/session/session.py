@@ -32,7 +32,7 @@ from calib.session.declared_table import declared_table
 from calib.session.fleet_prior import FleetPrior, check_compatible, read_fleet_prior
 from calib.session.lens import SPLINED
 from calib.session.numbers import check_correlations
-from calib.session.point_target import PITCH, PointTarget, PointView, near_origin
+from calib.session.point_target import PITCH, PointTarget, PointView, join_places, near_origin
 from calib.session.points_file import FOLDER, point_files, read_point_view
 from calib.session.schema import Number, Section
 from calib.session.shapes.registry import dimensions
@@ -198,14 +198,14 @@ def _read(path: Path, bare_of: Session | None) -> Session:
             raise InputError(
                 f"{path} does not exist: give the folder of a session, or of pictures of the board."
             )
-        advice = f"; {fit_pictures_command(path)} makes a session of it" if is_media(path) else ""
+        advice = f"; `{fit_pictures_command(path)}` makes a session of it" if is_media(path) else ""
         raise InputError(
             f"{path} is not a folder: give the folder that holds session.yaml{advice}."
         )
     if not file.exists():
         raise InputError(
-            f"{path} has no session.yaml: {fit_pictures_command(path)} writes one for pictures,"
-            f" calib init {shell_path(path)} one to fill in, at the least {MINIMAL}"
+            f"{path} has no session.yaml: `{fit_pictures_command(path)}` writes one for pictures,"
+            f" `calib init {shell_path(path)}` one to fill in, at the least {MINIMAL}"
         )
     section = Section(read_yaml(file), str(file))
     section.choice("format", (FORMAT,), f"{FORMAT}, the format that this version of calib reads")
@@ -226,9 +226,7 @@ def _read(path: Path, bare_of: Session | None) -> Session:
     if not board.has_grid:
         points = _read_target(section, path, camera)
         assert isinstance(board, PointTarget)
-        board = PointTarget.of(
-            near_origin(np.concatenate([view.places for view in points])), board.pitch
-        )
+        board = PointTarget.of(near_origin(join_places(points)), board.pitch)
         session = Session(path, board, camera, cover, (), None, None, points=points)
         return _completed(session, section, bare_of)
     corners = _read_corners_path(section, path)

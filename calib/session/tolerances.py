@@ -165,6 +165,16 @@ WATER_INDEX = Tolerance(
 ANY_WATER = Tolerance(
     4e-3, "", 1e-2, "fresh water has 1.333 and the sea 1.34; whoever writes one seldom knows which"
 )
+MEDIA = Tolerance(
+    0.2, "", 1e-2, "half of the step from air to water, by which views in both are off their mean"
+)
+WATER_OVER_AIR = Tolerance(
+    1e-2,
+    "",
+    1e-2,
+    "the step of 0.333 between views in air and views in water: water has 1.333 to 1.343, air"
+    " 1.0003; which of them was stated is not known",
+)
 
 OWN_FOCAL = Tolerance(
     0.05,

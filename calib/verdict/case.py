@@ -139,6 +139,18 @@ class Case:
         return bool(unknown_names(declared.intrinsics, declared.cover))
 
     @property
+    def tried_all_shapes(self) -> bool:
+        """True if the session leaves the shape of the cover unknown: the fit has tried all."""
+        return bool(self.calibration.outcome.probable_shapes)
+
+    @property
+    def other_shape(self) -> str:
+        """The words for a cover of another shape than the fitted one, and how to find it."""
+        if self.tried_all_shapes:
+            return "the cover has a shape that calib does not know"
+        return f"the cover has another shape (try {self.next.unknown_cover})"
+
+    @property
     def corrected(self) -> tuple[str, ...]:
         """Names of declared numbers that the views correct, the largest deviation first."""
         if not self.calibration.covariance.size:

@@ -8,15 +8,24 @@ from calib.calibration import Calibration
 from calib.estimation.prior_conflict import log_odds_of_swap
 from calib.fitting.declared import BARE, DECLARED, VIEWS, Comparison, comparisons
 from calib.session.parameter_names import CAMERA
+from calib.verdict.bare_pictures import lens_advice
 from calib.verdict.case import Case
+from calib.verdict.medium import water_advice
 from calib.verdict.residual import likely_effects
 from calib.verdict.verdict import Reason
 
 RIVAL_LOG_ODDS = 3.0
 """The log odds, 20 to 1, from which one of two declared numbers is named as the wrong one."""
+SIDEWAYS = ("tilt.x", "tilt.y", "tilt.z", "offset.x", "centre.x", "centre.y")
+"""The ends of the names of numbers that another index of the water does not imitate: it acts alike
+on all sides.
+"""
 ADVICE = {
     DECLARED: "measure it again, and correct session.yaml",
-    BARE: "take the pictures in bare/ again, with the focus as it is under the cover",
+    BARE: (
+        "take the pictures in bare/ again, with the focus, the zoom and the picture size as they"
+        " are under the cover"
+    ),
 }
 """Advice by the source of the number."""
 
@@ -35,7 +44,8 @@ def declared_numbers(case: Case) -> Iterator[Reason]:
         for number in comparisons(case.calibration)
         if number.contradicted and number.corrected and number.source != VIEWS
     ]
-    for number in sorted(contradicted, key=lambda number: -number.normalised_deviation):
+    contradicted.sort(key=lambda number: -number.normalised_deviation)
+    for number in contradicted:
         rivals = _rivals(case.calibration, number)
         advice = (
             "find what the model lacks first, which may cause it"
@@ -47,11 +57,14 @@ def declared_numbers(case: Case) -> Iterator[Reason]:
             f"{number}, {number.normalised_deviation:.1f} standard deviations apart{others}:"
             f" {advice}."
         )
-        if not CAMERA.has(number.name):
+        if not (CAMERA.has(number.name) or case.tried_all_shapes):
             sentence += (
                 " If it is right, the cover may be of another shape: try"
                 f" {case.next.unknown_cover}."
             )
+        if number is contradicted[0] and not CAMERA.has(number.name):
+            sentence += lens_advice(case)
+            sentence += "" if number.name.endswith(SIDEWAYS) else water_advice(case)
         yield Reason(sentence, case.next.fit(), (number.name, *rivals))
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 from calib.calibration import Calibration
+from calib.effects.description import describe_media
 from calib.effects.fine_surface import FineSurface
 from calib.effects.varying import MANNERS, VARYING_NUMBERS, CameraOfView, Varying
 from calib.estimation.noise import is_stated_noise
@@ -27,13 +28,20 @@ HALF_TURN = (
     " turned by 180 degrees. Turn them back, and fit again."
 )
 
+WITHOUT_COVER = (
+    "if the camera looks through glass or plastic, describe its cover first (try {cover})."
+    " Otherwise "
+)
+
 
 def settled_notes(calibration: Calibration) -> Iterator[str]:
     """Yield a note on numbers that are those at the end of the session."""
     for added in calibration.effects:
-        if isinstance(added.effect, Varying) and added.effect.settled:
+        if isinstance(added.effect, Varying) and added.effect.is_medium:
+            yield describe_media(added.effect, [view.name for view in calibration.views])
+        elif isinstance(added.effect, Varying) and added.effect.settled:
             yield (
-                f"the maps are of {VARYING_NUMBERS[added.effect.name]} at the end of the session:"
+                f"the maps are of {added.effect.plain_numbers} at the end of the session:"
                 " do not use them for pictures before the change."
             )
 
@@ -47,9 +55,8 @@ def differing_views(case: Case) -> Iterator[Reason]:
     for added in case.calibration.effects:
         effect = added.effect
         if isinstance(effect, CameraOfView) or (isinstance(effect, Varying) and not effect.settled):
-            numbers, manner = VARYING_NUMBERS[effect.name], MANNERS[effect.varies]
-            sentence = f"{numbers} {manner}, and the maps are of the mean: {ADVICE[effect.name]}."
-            yield Reason(sentence, case.next.capture(), (effect.name,))
+            members = _family_of(case.calibration, effect.name)
+            yield Reason(_of_the_mean(effect, members), case.next.capture(), members)
         if isinstance(effect, Varying):
             camera = case.calibration.camera
             if effect.is_half_turn(case.calibration.model()[1], camera.width, camera.height):
@@ -73,7 +80,34 @@ def differing_views(case: Case) -> Iterator[Reason]:
     if differing and gain:
         groups = (variation.group for variation in differing.variations)
         suspects = tuple(group.name for group in groups if group.has_cause)
-        yield Reason(str(differing), command, suspects)
+        glass = WITHOUT_COVER.format(cover=case.next.unknown_cover) if window_possible else ""
+        yield Reason(f"{glass}{differing}", command, suspects)
+
+
+def _family_of(calibration: Calibration, name: str) -> tuple[str, ...]:
+    """Return the names of the effects that may be present in place of an accepted one, the most
+    probable first; its own name alone without a family.
+    """
+    diagnosis = calibration.history.diagnosis
+    families = diagnosis.families if diagnosis else ()
+    return next((tuple(f.members) for f in families if name in f.members), (name,))
+
+
+def _of_the_mean(effect: CameraOfView | Varying, members: Sequence[str]) -> str:
+    """Return the sentence on numbers of which the maps have the mean, and on the other members of
+    their family.
+    """
+    numbers, manner = effect.plain_numbers, MANNERS[effect.varies]
+    likeliest = members[0]
+    if likeliest == effect.name:
+        doubt = "most likely " if len(members) > 1 else ""
+        return f"{doubt}{numbers} {manner}, and the maps are of the mean: {ADVICE[effect.name]}."
+    first = VARYING_NUMBERS.get(likeliest, likeliest)
+    advice = f" If it is the first, {ADVICE[likeliest]}." if likeliest in ADVICE else ""
+    return (
+        f"something differs from view to view: most likely {first}, else {numbers}, which {manner}"
+        f" in this calibration. The maps are of the mean.{advice}"
+    )
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

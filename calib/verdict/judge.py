@@ -16,8 +16,9 @@ from calib.calibration import Calibration, CalibrationSource
 from calib.errors import RefracalError, brief
 from calib.fitting.evaluate import Evaluation
 from calib.io.numerals import counted
+from calib.io.result_names import DIAGNOSED
 from calib.threads import single_thread
-from calib.verdict.bare_pictures import bare_pictures
+from calib.verdict.bare_pictures import bare_pictures, rival_lens
 from calib.verdict.board_place import board_place, board_size, cover_size, small_board
 from calib.verdict.case import Case
 from calib.verdict.confirmation import contradicted_numbers, unconfirmed_numbers
@@ -121,14 +122,17 @@ def judge(
                 commands.undistort(float(f"{np.median(calibration.corners_at[:, 2]):.2g}")),
             )
         reasons = _reasons(case)
-        proof = (commands.evaluate(), *([commands.diagnose()] if commands.diagnosable else []))
+        if Verdict(reasons, "").next.startswith("calib diagnose "):  # use what it writes
+            commands = replace(commands, folder=commands.folder / DIAGNOSED, diagnosable=False)
+        diagnosis = calibration.history.diagnosis
+        asks_diagnosis = commands.diagnosable and diagnosis is None
+        proof = (commands.evaluate(), *([commands.diagnose()] if asks_diagnosis else []))
         settled = tuple(settled_notes(calibration))
         if settled:  # the maps are wrong for a part of the session's pictures
             commands = replace(commands, pictures=None)
         uses = commands.uses(case.main_depth, mapped=case.main_depth in case.depths)
-        diagnosis = calibration.history.diagnosis
         families = [family.note for family in diagnosis.families] if diagnosis else []
-        doubts = (*settled, *undecided_medium(case), *small_board(case))
+        doubts = (*settled, *undecided_medium(case), *rival_lens(case), *small_board(case))
         notes = (*families, *doubts, *_film_note(case))
         return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses), notes)
 

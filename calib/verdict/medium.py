@@ -8,14 +8,18 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 from calib.calibration import Calibration
+from calib.effects.varying import Varying
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
+from calib.inference.media_of_views import views_in_other_medium
 from calib.optics.build import covered_path
 from calib.session.parameter_names import INDEX, number_of
 from calib.session.schema import Number
 from calib.session.shapes.layer import MEDIA, WATER, medium_word, opposite_medium
+from calib.session.tolerances import ANY_WATER
 from calib.verdict.case import Case
 from calib.verdict.cover_stage import is_refuted
+from calib.verdict.differing_views import find_differing
 from calib.verdict.thresholds import OTHER_MEDIUM, OTHER_MEDIUM_LOG_ODDS, SAME_INDEX
 from calib.verdict.verdict import Reason, Trust
 
@@ -37,8 +41,22 @@ def medium(case: Case) -> Iterator[Reason]:
         return
     if cover <= max(OTHER_MEDIUM * bare_error, case.left_px):  # it is right
         return
+    effects = [added.effect for added in case.calibration.effects]
+    if any(isinstance(effect, Varying) and effect.is_medium for effect in effects):
+        return
     index = stated.value
     name = opposite_medium(index)
+    is_other = views_in_other_medium(case.optimum)
+    if is_other is not None:
+        differing = find_differing(case.calibration)
+        if not (differing and differing.first.group.is_medium):  # then that is said
+            sentence = (
+                f"about {is_other.sum()} of the {len(is_other)} pictures seem to have been taken in"
+                f" {name}, the others in {medium_word(index)}, as declared: calib diagnose says"
+                " which. Keep the pictures of each medium in a session of its own."
+            )
+            yield Reason(sentence, case.next.diagnose(), (declared.cover.medium_name,))
+        return
     error = _error_in(case.calibration, name)
     if error < OTHER_MEDIUM * cover:
         sentence = (
@@ -100,9 +118,14 @@ def _more_probable(case: Case, stated: float) -> Iterator[Reason]:
     times = f"10^{power}" if power < MAX_POWER else f"more than 10^{MAX_POWER}"
     sentence = (
         f"the pictures do not fit this cover with {medium_word(stated)} outside of it. Either they"
-        f" were taken in {name} ({times} times as probable): {_how_to_declare(case, name)}. Or the"
-        f" cover has another shape or size than declared: try {case.next.unknown_cover}."
+        f" were taken in {name} ({times} times as probable): {_how_to_declare(case, name)}."
     )
+    if case.tried_all_shapes:
+        sentence += f" Or {case.other_shape}."
+    else:
+        sentence += (
+            f" Or the cover has another shape or size than declared: try {case.next.unknown_cover}."
+        )
     suspects = (case.calibration.declared.cover.medium_name,)
     command = case.next.fit_in(MEDIA[name])
     yield Reason(sentence, command, suspects, Trust.DO_NOT_USE)
@@ -113,6 +136,24 @@ def _how_to_declare(case: Case, name: str) -> str:
     keys = f"outside_index: {index} under cover"
     verb = "add" if case.next.takes_options else "write"
     return f"{verb} {case.next.spell(f'--outside-index {index}', keys)}"
+
+
+def water_advice(case: Case) -> str:
+    """Return what to write if the water outside has another index than declared; empty if the fit
+    estimated it, if it is declared as exact, or if air is outside.
+    """
+    stated = case.calibration.declared.cover.medium
+    if not stated or stated.exact or stated.sigma or medium_word(stated.value) != WATER:
+        return ""
+    value, sigma = f"{stated.value:g}", f"{ANY_WATER.sigma:g}"
+    tolerant = case.next.spell(
+        f"--outside-index {value}+-{sigma}",
+        f"outside_index: {{value: {value}, sigma: {sigma}}} under cover",
+    )
+    return (
+        f" Or the water has another index than {value}, which was not fitted (the sea has 1.34):"
+        f" write {tolerant}."
+    )
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

@@ -25,7 +25,8 @@ def misfits(case: Case) -> Iterator[Reason]:
         return
     yield Reason(
         f"{count} of {total} views do not fit the others and are not used: they may be of another"
-        " camera, zoom or board. Keep the views of one kind in the session.",
+        " camera, zoom or board, or blurred in part, as by dirt or fog on the glass. Keep the views"
+        " of one kind in the session.",
         case.next.fit(),
         ("camera",),
     )

@@ -16,13 +16,14 @@ from calib.io.images import frames_folder
 from calib.io.numerals import depth_text
 from calib.io.output_folder import OutputFolder
 from calib.io.shell import from_here, shell_line, shell_path
+from calib.session.shapes.layer import WATER, medium_word
 from calib.verdict.picture_source import PictureSource, picture_source
 
 HOLDOUT = "HOLDOUT"
 """The word in a command for a folder of views that were not fitted, which the user names."""
 HOLDOUT_NOTE = (
-    "HOLDOUT is a folder of other pictures of this camera. If you have none, calib fit --folds 5"
-    " sets some of these aside as a test."
+    "HOLDOUT is a folder of other pictures of this camera. If you have none, fit again with"
+    " --folds 5: it leaves out a fifth of your pictures at a time, and tests the fit on them."
 )
 HELD_OUT_FOLDER = "holdout"
 """The folder of a session with views that were kept back."""
@@ -49,6 +50,8 @@ class NextCommands:
     """True if there are enough poses of the board for a diagnosis."""
     held_out: Path | None = None
     """The session's folder of pictures that were kept back; None if it has none."""
+    in_water: bool = False
+    """True if the pictures were taken under water: straight ones have wide black borders."""
     evaluated: bool = False
     """True if the calibration has been evaluated on `held_out`."""
 
@@ -77,6 +80,7 @@ class NextCommands:
         places = [place for place in (session, recorded, around) if is_described(place)]
         pictures = map(frames_folder, places)
         command = request.command or CommandOptions()
+        medium = calibration.cover.medium
         return NextCommands(
             session,
             folder or session / "calibration",
@@ -86,6 +90,7 @@ class NextCommands:
             depths=depths or command.depths,
             diagnosable=len(set(pose_labels(calibration.views))) >= MIN_CONFIRMING_VIEWS,
             held_out=held_out_folder(places),
+            in_water=medium is not None and medium_word(medium.value) == WATER,
         )
 
     def fit(self, *options: str) -> str:
@@ -129,7 +134,16 @@ class NextCommands:
     @property
     def unknown_cover(self) -> str:
         """The words that tell how to have the shape of the cover estimated."""
-        return self.spell("--cover unknown", "cover: {shape: unknown}")
+        command = self.fit("--cover", "unknown")
+        return self.spell(f"`{command}`", "cover: {shape: unknown}")
+
+    def name_cover(self, shapes: Iterable[str]) -> str:
+        """Return the words that tell how to declare the cover's shape, one of these."""
+        first, *others = shapes
+        if not self.takes_options:
+            return "write cover.shape in session.yaml"
+        commands = [self.fit("--cover", first), *(f"--cover {shape}" for shape in others)]
+        return f"type {' or '.join(f'`{command}`' for command in commands)}"
 
     def capture(self) -> str:
         """Return the command that records more views, or that fits them when they are there."""
@@ -168,8 +182,9 @@ class NextCommands:
         pictures = self.pictures or frames_folder(self.session)
         out = self.folder / "undistorted"
         depth_word = depth_text(depth)
+        crop = ("--crop", "0") if self.in_water else ()
         return shell_line(
-            "calib", "undistort", self.folder, pictures, "--depth", depth_word, "-o", out
+            "calib", "undistort", self.folder, pictures, "--depth", depth_word, *crop, "-o", out
         )
 
     def uses(self, depth: float, *, mapped: bool) -> tuple[str, ...]:

@@ -46,7 +46,8 @@ class Orientation:
             x, y, width, height = height - 1 - y, x, height, width
         if not self.mirrored:
             return replace(observations, pixels=torch.stack([x, y], -1))
-        corners = observations.corners * observations.corners.new_tensor([-1.0, 1.0])
+        corners = observations.corners.clone()
+        corners[:, 0] *= -1
         return replace(observations, pixels=torch.stack([width - 1 - x, y], -1), corners=corners)
 
 

@@ -5,7 +5,7 @@ Otherwise report the effects that would explain it, or its structure.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -42,6 +42,8 @@ MANY = 10.0
 COVER_QUESTION = "If the camera looks through glass or plastic, describe its cover first."
 OF_NOISE = "times the corners' noise"
 NOT_ALL_NOISE = "the error is not all noise"
+SHARED_ORGANISERS = ("image", "board")
+"""What follows these is the same in all views."""
 NUMBERS = {"focal": CAMERA.focal, "principal_point": CAMERA.centre}
 
 
@@ -49,6 +51,7 @@ def residual(case: Case) -> Iterator[Reason]:
     likely = likely_effects(case)
     noise = case.calibration.noise_px
     organised = significant_shares(_shares(case.calibration))
+    likely = [(effect, gain) for effect, gain in likely if _explains(effect, gain, organised)]
     sentence = NOT_ALL_NOISE
     if noise is not None and beyond_noise(case):
         ratio = case.left_px / noise
@@ -59,11 +62,15 @@ def residual(case: Case) -> Iterator[Reason]:
         return
     if likely:
         effects = (
-            f"{effect.name} ({uncapitalised(effect.description).removesuffix('.')}), which would"
-            f" lower it by {100 * gain:.0f} %"
-            for effect, gain in likely
+            f"{effect.name} ({uncapitalised(effect.description).removesuffix('.')})"
+            for effect, _ in likely
         )
-        sentence += f": it may be {', or '.join(effects)}."
+        (first, gain), *others = likely
+        decreases = (
+            f"{first.name} would have {100 * gain:.0f} % less error",
+            *(f"{effect.name} {100 * gain:.0f} %" for effect, gain in others),
+        )
+        sentence += f": it may be {', or '.join(effects)}. A fit with {', with '.join(decreases)}."
     else:
         if organised:
             share = organised[0]
@@ -74,13 +81,23 @@ def residual(case: Case) -> Iterator[Reason]:
         sentence += (
             ": the model lacks something, or the board, cover or intrinsics are not as described."
         )
-        if not case.calibration.board.has_grid and case.calibration.cover.shape != "none":
+        board = case.calibration.board
+        is_dense = board.is_flat and not board.has_grid
+        if is_dense and case.calibration.cover.shape != "none":
             sentence += " The report shows the glass in detail: look for drops and scratches."
     if case.calibration.cover.shape == "none":
         sentence += f" {COVER_QUESTION}"
     diagnosed = case.calibration.history.diagnosis is not None
     suspects = tuple(dict.fromkeys(name for effect, _ in likely for name in suspects_of(effect)))
     yield Reason(sentence, case.next.report() if diagnosed else case.next.diagnose(), suspects)
+
+
+def _explains(effect: Effect, gain: float, organised: Sequence[VarianceShare]) -> bool:
+    """Return False for an effect of single views that explains less than what all views share: it
+    only follows that.
+    """
+    shared = [share.fraction for share in organised if share.organised_by in SHARED_ORGANISERS]
+    return not effect.per_view or 1 - (1 - gain) ** 2 > max(shared, default=0.0)
 
 
 def asks_for_cover(verdict: Verdict) -> bool:
@@ -106,10 +123,7 @@ def likely_scores(case: Case) -> dict[ScoreTest, float]:
     scores = case.scores
     if not scores:
         return {}
-    dispersion = scores[0].cost / max(
-        1, 2 * len(case.observations.pixels) - case.calibration.poses.size
-    )
-
+    dispersion = _dispersion(case)
     noise, error = case.calibration.noise_px, case.left_px
     max_gain = max(0.0, 1.0 - noise / error) if noise is not None and error else 0.0
 
@@ -120,11 +134,7 @@ def likely_scores(case: Case) -> dict[ScoreTest, float]:
         excess = max(0.0, test.chi2 - test.dof * dispersion)
         return min(max_gain, 1.0 - float(np.sqrt(1.0 - min(1.0, excess / test.cost))))
 
-    def is_significant(test: ScoreTest) -> bool:
-        by_chance = float(chdtrc(test.dof, test.chi2 / dispersion))
-        return by_chance < SCORED / len(scores) and test.p_value < AGREED
-
-    gains = {test: gain(test) for test in scores if is_significant(test)}
+    gains = {test: gain(test) for test in significant_scores(case)}
     best = max(gains.values(), default=0.0)
     candidates = [test for test in gains if gains[test] > max(WORTH_NAMING, NAMED_BESIDE * best)]
     shared = [test for test in candidates if not test.effect.per_view]
@@ -132,6 +142,24 @@ def likely_scores(case: Case) -> dict[ScoreTest, float]:
         shared or candidates, key=lambda test: -gains[test]
     )  # parameters of every view can imitate much
     return {test: gains[test] for test in likely[:MOST_NAMED]}
+
+
+def significant_scores(case: Case) -> list[ScoreTest]:
+    """Return the score tests of effects that chance does not explain, and on which the views agree.
+    An effect that the uneven glass imitates may be among them: it lowers no error.
+    """
+    return [
+        test
+        for test in case.scores
+        if chdtrc(test.dof, test.chi2 / _dispersion(case)) < SCORED / len(case.scores)
+        and test.p_value < AGREED
+    ]
+
+
+def _dispersion(case: Case) -> float:
+    """Return the mean square of the weighted residuals, for each degree of freedom."""
+    degrees = 2 * len(case.observations.pixels) - case.calibration.poses.size
+    return case.scores[0].cost / max(1, degrees)
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

@@ -17,8 +17,8 @@ def scatter(case: Case) -> Iterator[Reason]:
     if uncertainty.view_scatter > SCATTER:
         yield Reason(
             f"the views scatter {uncertainty.view_scatter:.1f} times as much about the fit as noise"
-            " does: something differs between them, or the model lacks something. Sigma is"
-            " larger until the cause is found.",
+            " does: something differs between them, or the model lacks something. Every sigma"
+            " includes this scatter.",
             command,
         )
     if uncertainty.corner_scatter > SCATTER:

@@ -31,11 +31,15 @@ def square_pixels(case: Case) -> Iterator[Reason]:
     sigma = float(slope @ block @ slope) ** 0.5
     if abs(ratio) > max(SQUARE_PIXELS, SQUARE_SIGMAS * sigma):
         covered = calibration.cover.shape != "none"
-        cause = "the cover has another shape" if covered else "the camera looks through a cover"
+        cause = (
+            case.other_shape
+            if covered
+            else f"the camera looks through a cover (try {case.next.unknown_cover})"
+        )
         sentence = (
             f"fx and fy differ by {100 * abs(ratio):.1f} %, {abs(ratio) / sigma:.0f} standard"
             " deviations, and sensors have square pixels: the print is longer along one side than"
-            f" declared, or {cause} (try {case.next.unknown_cover}), or the pictures are stretched;"
-            " measure the board along both sides."
+            f" declared, or {cause}, or the pictures are stretched; measure the board along both"
+            " sides."
         )
         yield Reason(sentence, case.next.diagnose(), CAMERA.focal)

@@ -24,9 +24,12 @@ from calib.verdict.verdict import Reason
 
 def too_few_views(case: Case) -> Iterator[Reason]:
     """Check the number of views. A number with a tolerance does not count as unknown: without
-    evidence it stays near its declared value, which sigma includes.
+    evidence it stays near its declared value, which sigma includes. A single view of a target that
+    is not flat may be enough.
     """
     calibration = case.calibration
+    if not calibration.board.is_flat:
+        return
     lens_unknowns = (
         len(base_model(calibration).parameters.free)
         if calibration.outcome.intrinsics_from == "views"

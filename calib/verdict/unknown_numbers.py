@@ -24,8 +24,7 @@ def unknown_shape(case: Case) -> Iterator[Reason]:
     maps = f" With another the maps change by up to {change:.2g} px." if changes else ""
     sentence = (
         f"your pictures fit {listed} about equally well. The fit assumed"
-        f" {find_shape(chosen).words}.{maps} Look at the cover, and write cover.shape in"
-        " session.yaml."
+        f" {find_shape(chosen).words}.{maps} Look at the cover, and {case.next.name_cover(names)}."
     )
     yield Reason(sentence, case.next.fit(), ("cover.shape",))
 
@@ -58,7 +57,8 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
         listed = ", ".join(f"{number.name} ({number.estimated})" for number in unusual)
         sentence = (
             f"these estimates are far outside of the usual range: {listed}. An unknown number can"
-            " hide an error of another kind: measure one of them, and write it in session.yaml."
+            " hide an error of another kind: measure one of these numbers, and write it in"
+            " session.yaml."
         )
         yield Reason(sentence, case.next.fit(), tuple(number.name for number in unusual))
     numbers = [number for number in compared if number.is_open and not number.is_unusual]

@@ -4,6 +4,7 @@ the next command.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from html import escape
@@ -57,6 +58,10 @@ class Reason:
         return self.sentence if "." in first else self.sentence[0].upper() + self.sentence[1:]
 
 
+NEXT = "Next"
+"""The label of the next command."""
+
+
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """The verdict on a calibration."""
@@ -103,7 +108,22 @@ class Verdict:
         """The words before the next command. A fit that is repeated unchanged gives the same, so
         the gravest reason, which says what to change, comes first.
         """
-        return "Next, once that is done" if self.next.startswith("calib fit ") else "Next"
+        return f"{NEXT}, once that is done" if self.next.startswith("calib fit ") else NEXT
+
+    def labelled_commands(self, further: Sequence[str]) -> list[tuple[str, str]]:
+        """Return the commands to type, in order, each with its label. The test of a trusted
+        calibration comes first.
+
+        Args:
+            further: commands that use the calibration, the test first; left out where the verdict
+                forbids its use.
+        """
+        is_usable = self.word is not Trust.DO_NOT_USE
+        commands = [command for command in further if is_usable and command != self.next]
+        lines = [(self.next_label, self.next)]
+        if self.word is Trust.TRUSTED and commands:
+            lines.insert(0, ("Test", commands.pop(0)))
+        return lines + [("Then", command) for command in commands]
 
     @property
     def _gravest(self) -> Reason | None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from calib.commands.arguments import positive_number, quoted
 from calib.commands.board_options import add_coding, board_from_options
 from calib.io.numerals import whole_number
+from calib.io.shell import shell_path
 from capture.commands.corner_counts import corner_counts
 
 SUMMARY = "Record a session without a screen: keep sharp frames that show the board in a new pose."
@@ -112,7 +113,8 @@ def _record_session(args: argparse.Namespace) -> None:
     from itertools import islice
 
     from calib.commands.printing import print_json
-    from calib.errors import NotEnoughDataError, RefracalError
+    from calib.errors import InputError, NotEnoughDataError, RefracalError, harmless
+    from calib.session.shapes.none import NONE
     from capture.finders import make_finder
     from capture.interrupt import stop_on_signal
     from capture.narrator import Narrator, SilenceRemarks
@@ -120,7 +122,7 @@ def _record_session(args: argparse.Namespace) -> None:
     from capture.recorder import Recorder
     from capture.recording_loop import RecordingPlan, detect_in_pictures, record_views
     from capture.session_file import board_of, read_setup
-    from capture.source_folder import check_source_folder, describe_mismatch
+    from capture.source_folder import check_source_folder, describe_mismatch, describe_repeat
     from capture.sources.registry import open_source
 
     (source_text,) = args.source
@@ -130,6 +132,8 @@ def _record_session(args: argparse.Namespace) -> None:
     views = args.views or (None if args.all else 30)
     if args.bare:
         check_source_folder(source_text, covered=False)
+    if repeat := describe_repeat(source_text, args.session, covered=not args.bare):
+        raise InputError(repeat)
     with (
         Reader(source, SilenceRemarks()) as reader,
         Recorder(
@@ -163,6 +167,30 @@ def _record_session(args: argparse.Namespace) -> None:
         print_json(narrator.as_json(ended=ended))
     else:
         narrator.print_summary()
+        if narrator.pictures:
+            _, _, cover = read_setup(args.session / "session.yaml")
+            has_cover = cover.shape != NONE.name
+            print(harmless(f"Next: {_next_step(args.session, bare=args.bare, covered=has_cover)}"))
+
+
+def _next_step(session: Path, *, bare: bool, covered: bool) -> str:
+    """Return what to do after a recording, `covered` if session.yaml describes a cover."""
+    from calib.io.output_folder import OutputFolder
+
+    place = shell_path(session)
+    if bare:
+        return f"put the cover on, then `capture record {place} --source SOURCE`"
+    if covered:
+        return f"calib fit {place}"
+    if not OutputFolder(session).owns("session.yaml"):
+        return (
+            "if the camera is behind glass, write cover: {shape: unknown}, or what you know of it,"
+            f" in {session / 'session.yaml'}. Then `calib fit {place}`"
+        )
+    return (
+        f"`calib fit {place}`. If the camera is behind glass, `calib fit {place} --cover unknown`,"
+        " or with what you know of it, such as --cover dome --radius 40+-5"
+    )
 
 
 def _count(text: str) -> int:

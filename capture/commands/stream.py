@@ -27,6 +27,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.io.json_text import json_text
         from capture.sources.registry import open_source
         from capture.sources.video import VideoSource
+        from capture.streaming.depth_file import DepthFile
         from capture.streaming.narrator import StreamNarrator
         from capture.streaming.places import parse_places
         from capture.streaming.straightener import Straightener
@@ -46,11 +47,12 @@ def run(args: argparse.Namespace) -> None:
         calibration,
         StreamView(args.depth, args.crop, args.scale),
         fixed_size=any(place.fixed_size for place in places),
+        depth_file=args.depth_image and DepthFile(args.depth_image, args.near, listener.tell),
         tell=listener.tell,
     )
     if limit := undistortion_limit(calibration):
         narrator.tell(limit)
-    for remark in describe_all(calibration, [args.depth]):
+    for remark in describe_all(calibration, [args.depth] if args.depth is not None else []):
         narrator.tell(remark)
     targets: list[StreamTarget] = [window] if window else []
     is_watched = any(place.kind in ("window", "http") for place in places)
@@ -82,8 +84,8 @@ def _window() -> "StreamApp":
 
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise InputError(
-            "There is no terminal to show the window in: run the command in one, or choose another"
-            " --to."
+            "This is not a terminal, which --to window needs: run the command in one, or choose"
+            " another --to."
         )
     from capture.tui.stream_window import StreamApp
 
@@ -121,6 +123,7 @@ def _target(
     def state() -> dict[str, object]:
         return {
             "view": asdict(straightener.view),
+            "depth_image": args.depth_image and str(args.depth_image),
             "size": straightener.size,
             "problem": straightener.problem,
             "counts": stream.statistics.line(),

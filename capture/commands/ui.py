@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from calib.commands.arguments import positive_number, quoted
 from calib.commands.board_options import add_coding
 from calib.io.numerals import whole_number
+from calib.io.shell import shell_path
 from capture.commands.corner_counts import corner_counts
 from capture.commands.screen_options import add_screen, check_screen_options, record_screen
 
@@ -21,12 +22,12 @@ SUMMARY = (
 )
 DESCRIPTION = """
 SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
-question mark. With --serve the UI runs in a browser instead: of this machine alone, or with --host
-of other machines too, which then need the address that is printed once. With --screen the browser's
-own screen is the target, in place of a board.
+question mark. With --serve the screen is shown in a browser of this machine instead of the
+terminal. With --host it is shown in browsers of other machines, too: they need the address that the
+command prints. With --screen the browser's own screen is the target, in place of a board.
 
 Several cameras, each as --source NAME=SOURCE, are recorded together: SESSION is then the folder of
-the rig, and the board of a new one is described by --board, --square-mm and --type.
+the rig. --board, --square-mm and --type describe the board of a new rig.
 """
 COMMON = {
     "SESSION": "the session folder, which is made if need be",
@@ -129,7 +130,7 @@ def _serve(args: argparse.Namespace) -> bool:
 
         serve(args.words, args.host, args.port, args.apps)
         return True
-    _check_terminal()
+    _check_terminal(args.session)
     end_with_server()
     return False
 
@@ -205,7 +206,7 @@ def _has_session_file(session: Path) -> bool:
         return (session / "session.yaml").exists()
 
 
-def _check_terminal() -> None:
+def _check_terminal(session: Path) -> None:
     """Refuse to wait for keys that nobody can press.
 
     Another driver, such as the browser's, needs no terminal.
@@ -217,14 +218,12 @@ def _check_terminal() -> None:
 
     if os.environ.get("TEXTUAL_DRIVER"):
         return
-    instead = "take pictures by `capture record SESSION --source SOURCE`."
+    folder = shell_path(session)
+    instead = f"record without a screen: `capture record {folder} --source SOURCE`."
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise InputError(
-            "There is no terminal to show the screen in: run `capture SESSION` in a terminal, or"
-            f" {instead}"
-        )
+        raise InputError(f"This is not a terminal: run `capture {folder}` in one, or {instead}")
     if os.environ.get("TERM") == "dumb":
         raise InputError(
-            "This terminal shows no screens (TERM is dumb): use `capture SESSION --serve` and a"
+            f"This terminal shows no screens (TERM is dumb): use `capture {folder} --serve` and a"
             f" browser, or {instead}"
         )

@@ -129,7 +129,7 @@ class RigGuide:
         """Return the advice once the rig's own error is small: what the picture of each camera
         lacks.
         """
-        estimate = f"The disparity is likely off by {sigma:.2f} px; {TARGET_PX:.2f} are wanted"
+        estimate = f"The disparity is likely off by {sigma:.2f} px; the goal is {TARGET_PX:.2f} px"
         for name, camera in cameras.items():
             guide = PlainGuide(self._board, camera)
             camera_views = [KeptView(view[name]) for view in views if name in view]
@@ -137,7 +137,7 @@ class RigGuide:
             if hint:
                 needed = guide.progress(camera_views).views_needed or 0
                 sentence = (
-                    f"{estimate}. The picture of {name} lacks likely {needed}"
+                    f"{estimate}. The picture of {name} lacks about {needed}"
                     f" view{'s' * (needed != 1)}, which may show the board to it alone."
                 )
                 return (
@@ -244,10 +244,10 @@ class RigGuide:
 
 
 def _sentence(sigma: float, reached: float, planned: int) -> str:
-    estimate = f"The disparity is likely off by {_px(sigma)} px; {TARGET_PX:.2f} are wanted"
+    estimate = f"The disparity is likely off by {_px(sigma)} px; the goal is {TARGET_PX:.2f} px"
     if reached > TARGET_PX:
         return f"{estimate}; {counted(planned, 'more view')} would make it {_px(reached)}."
-    return f"{estimate}: likely {counted(planned, 'more view')}."
+    return f"{estimate}: about {counted(planned, 'more view')}."
 
 
 def _px(value: float) -> str:

@@ -97,7 +97,7 @@ class RigModel:
         """Return the (count, 2) px at which a camera sees the board at a (6,) placement
         T_reference_board; NaN where a corner is outside of the picture or behind the camera.
         """
-        points = np.column_stack([self.board.points(), np.zeros(self.board.count)])
+        points = self.board.points_in_space()
         pose = compose_poses(self.mountings[name], placement)
         depth = (points @ cv2.Rodrigues(pose[:3])[0].T + pose[3:])[:, 2]
         pixels = _project(points, pose, self.lens(name))
@@ -110,7 +110,7 @@ class RigModel:
         """Return the (S, S) information of a (6,) placement of which each camera sees the (count,)
         corners that are true.
         """
-        points = np.column_stack([self.board.points(), np.zeros(self.board.count)])
+        points = self.board.points_in_space()
         names = list(self.cameras)
         shared = np.zeros((0, self.count))
         own = np.zeros((0, 6))

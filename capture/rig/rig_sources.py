@@ -9,6 +9,7 @@ from calib.errors import InputError, brief
 from calib.io.files import reading
 from calib.rig.rig_file import MAX_CAMERAS, NAME
 from capture.frames import FrameSource
+from capture.sources import rpicam
 from capture.sources.folder import FolderSource
 from capture.sources.registry import full_source, open_source
 
@@ -85,7 +86,25 @@ def open_sources(texts: Sequence[str]) -> dict[str, FrameSource]:
                 f"{places[place]} and {name} are both {place}: each camera has a source of its own."
             )
         places[place] = name
-    return {name: open_source(text, f"--source {name}") for name, text in named.items()}
+    sync = _synchronised(named)
+    return {
+        name: open_source(text, f"--source {name}", sync.get(name)) for name, text in named.items()
+    }
+
+
+def _synchronised(named: Mapping[str, str]) -> dict[str, dict[str, object]]:
+    """Return further options of the cameras by which rpicam-vid synchronises their frames: the
+    first one leads. There are none for a single one, for cameras of different rates, for sources
+    that state who leads, or if the program is too old.
+    """
+    cameras = {name: text for name, text in named.items() if text.startswith("rpicam:")}
+    rates = {tuple(re.findall(r"[?&]fps=([^&]*)", text)) for text in cameras.values()}
+    stated = any(f"{rpicam.SYNC}=" in text for text in cameras.values())
+    if len(cameras) < 2 or len(rates) > 1 or stated or not rpicam.can_synchronise():
+        return {}
+    first, *others = cameras
+    clients: dict[str, dict[str, object]] = {name: {rpicam.SYNC: rpicam.CLIENT} for name in others}
+    return {first: {rpicam.SYNC: rpicam.SERVER}, **clients}
 
 
 def align_playback(sources: Mapping[str, FrameSource]) -> bool:

@@ -39,7 +39,7 @@ def estimate_lens(board: Board, camera: Camera, views: Sequence[Array]) -> Camer
     camera = replace(camera, intrinsics=None)
     if len(views) < MIN_LENS_VIEWS:
         return camera
-    points = np.column_stack([board.points(), np.zeros(board.count)]).astype(np.float32)
+    points = board.points_in_space().astype(np.float32)
     visible = [np.isfinite(view[:, 0]) for view in views]
     flags = (
         cv2.CALIB_FIX_PRINCIPAL_POINT

@@ -27,6 +27,8 @@ from capture.screen.timing import (
 
 ANSWER_S = 10.0
 """The time in s in which the page has to say that it has shown a pattern."""
+LONGER = 1.5
+"""The factor of the time for a pattern, once a picture was torn."""
 POLL_S = 0.2
 """The time in s between two looks whether the program shall end."""
 MAX_PIXELS_ALONG = 32768
@@ -161,6 +163,10 @@ class Eye:
         )
         self._settle_s = longest.settle_s
         return longest
+
+    def wait_longer(self) -> None:
+        """Wait for each pattern for one and a half times as long from now on."""
+        self._settle_s *= LONGER
 
     def _frame(self, after_s: float) -> Frame:
         for frame in self._frames:

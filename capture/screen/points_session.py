@@ -27,7 +27,7 @@ from calib.session.schema import Number
 from calib.session.session import FORMAT, TARGET_KEY, session_from_mapping, session_to_yaml
 from calib.session.shutter import Shutter
 from capture.disk import locked, write_durably, writing
-from capture.session_file import Setup, read_described
+from capture.session_file import Setup, read_described, write_description
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,8 @@ class PointsSession:
                 camera = self._like[1]
         target = PointTarget.of(np.zeros((0, 2)), pitch)
         document = {"format": FORMAT, **session_to_yaml(target, camera, cover)}
-        write_durably(self._file, yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
+        text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+        write_description(self._file.parent, text)
         self.described = Described(camera, pitch)
         self.remarks.append(
             f"Wrote {self._file} with cover.shape {cover.shape}: correct it there if the camera's"

@@ -27,15 +27,22 @@ from capture.screen.period import (
     trial_periods,
 )
 from capture.screen.timing import lit_pixels
+from capture.screen.torn import torn_share
 
 MAX_MOTION = 0.04
 """px between the first and the last picture of a pose: its points are then off by 0.02 px at most,
 as one decoded point may be by noise (docs/screen-target.md).
 """
+MAX_TORN = 0.03
+"""The share of the screen in which a picture may show another pattern than its own: edges and
+reflections make less.
+"""
 STILL_PICTURES = 40
 """Pairs of pictures in which the screen has to come to rest."""
 MIN_POINTS = 300
 """Points of a pose that is kept: the fit averages more than 600."""
+MIN_LOSS = 0.1
+"""The part of the screen without points for one reason, above which a person is told."""
 
 ADVICE = {
     PixelReason.DARK: "turn the screen to the camera, nearer, or lengthen the exposure",
@@ -56,6 +63,8 @@ class PoseOutcome(IntEnum):
     """The screen or the camera moved meanwhile."""
     UNSEEN = 3
     """Too few pixels have a place."""
+    TORN = 4
+    """A picture shows the pattern before its own, or two at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +80,8 @@ class Pose:
     """px between the first and the last picture."""
     period: float = 0.0
     """Screen pixels of the finest fringes."""
+    remark: str = ""
+    """The reason why a large part of the screen has no points; empty if none has."""
 
 
 def take_pose(eye: Eye, size: ScreenSize, pitch: Number, period: float | None) -> Pose:
@@ -108,6 +119,14 @@ def take_pose(eye: Eye, size: ScreenSize, pitch: Number, period: float | None) -
     if motion > MAX_MOTION:
         sentence = f"Screen or camera moved by {motion:.2f} px meanwhile: this pose is taken again."
         return Pose(PoseOutcome.MOVED, sentence, motion=motion, period=period)
+    torn = torn_share(frames, plan, black, white, lit)
+    if torn > MAX_TORN:
+        sentence = (
+            f"A picture shows two patterns at once, in {100 * torn:.0f} % of the screen (the screen"
+            " was late, or its picture tears): this pose is taken again, with more time for each"
+            " pattern."
+        )
+        return Pose(PoseOutcome.TORN, sentence, motion=motion, period=period)
     decoded = decode_fringes(frames, plan)
     points = screen_points(decoded)
     if len(points.pixels) < MIN_POINTS:
@@ -116,7 +135,7 @@ def take_pose(eye: Eye, size: ScreenSize, pitch: Number, period: float | None) -
         )
     share = decoded.counts()[PixelReason.DECODED] / decoded.reason.size
     sentence = f"{len(points.pixels)} points in {100 * share:.0f} % of the picture."
-    return Pose(PoseOutcome.KEPT, sentence, points, motion, period)
+    return Pose(PoseOutcome.KEPT, sentence, points, motion, period, loss_sentence(decoded, lit))
 
 
 def _try_periods(
@@ -140,6 +159,18 @@ def _trial_sentence(trials: list[FringeTrial]) -> str:
     is_blurred = trials and trials[0].camera_period > 0 and trials[0].modulation < 0.5
     reason = PixelReason.DEFOCUSED if is_blurred else PixelReason.MOIRE
     return f"No fringes of the screen can be made out: {ADVICE[reason]}."
+
+
+def loss_sentence(decoded: DecodedScreen, lit: NDArray[np.bool_]) -> str:
+    """Return the reason why a large part of the (H, W) lit pixels has no points; empty if none has.
+    Edges and reflections are no such reason.
+    """
+    reasons = (PixelReason.SATURATED, PixelReason.DEFOCUSED, PixelReason.MOIRE)
+    shares = {reason: float((decoded.reason[lit] == reason).mean()) for reason in reasons}
+    largest = max(reasons, key=lambda reason: shares[reason])
+    if shares[largest] < MIN_LOSS:
+        return ""
+    return f"{100 * shares[largest]:.0f} % of the screen has no points: {ADVICE[largest]}."
 
 
 def _unseen_sentence(decoded: DecodedScreen, lit: NDArray[np.bool_]) -> str:

@@ -68,7 +68,9 @@ class ScreenRecording:
                 self._take(size, pitch)
             except PageLost as lost:
                 self._say_problem(str(lost))
-        self._say("done", "All poses are there: close this page.")
+        self._say(
+            "done", "All poses are there. Close this page: the next command is in the terminal."
+        )
 
     def _check_size(self, size: ScreenSize) -> None:
         """Wait until the page is as large as the session's."""
@@ -143,7 +145,7 @@ class ScreenRecording:
             )
 
     def _take(self, size: ScreenSize, pitch: Number) -> None:
-        """Take the patterns of a pose, again if it moved, and keep its points."""
+        """Take the patterns of a pose, again if it moved or was torn, and keep its points."""
         for _ in range(1 + MAX_RETAKES):
             self._say("take", "")
             start_s = time.monotonic()
@@ -157,9 +159,13 @@ class ScreenRecording:
                 path = self._session.keep(pose.points, (size.width, size.height))
                 seconds = time.monotonic() - start_s
                 self._report_pose(path, f"{pose.sentence[:-1]}, in {seconds:.0f} s.")
+                if pose.remark:
+                    self._say_problem(pose.remark)
                 return
             self._say_problem(pose.sentence)
-            if pose.outcome is not PoseOutcome.MOVED:
+            if pose.outcome is PoseOutcome.TORN:
+                self._eye.wait_longer()
+            elif pose.outcome is not PoseOutcome.MOVED:
                 return
 
     def _time(self, size: ScreenSize) -> None:

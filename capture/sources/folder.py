@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from calib.errors import InputError
 from calib.io.files import reading
 from calib.io.frames_table import FIXED, NAME, read_table, recorded_time
-from calib.io.images import TYPES, list_images, read_image
+from calib.io.images import TYPES, conversion_of_unread, list_images, read_image
 from calib.io.numerals import whole_number
 from calib.session.schema import Quantity, Section
 from calib.session.shutter import Shutter
@@ -71,9 +71,9 @@ class FolderSource:
         with reading(self._folder):
             self._pictures = list_images(inner if inner.is_dir() else self._folder)
         if not self._pictures:
-            raise InputError(
-                f"{self._folder} has no pictures: name a session, or a folder of {TYPES} files."
-            )
+            advice = conversion_of_unread(inner if inner.is_dir() else self._folder)
+            advice = advice or f"name a session, or a folder of {TYPES} files"
+            raise InputError(f"{self._folder} has no pictures that are read: {advice}.")
         table = (self._folder.parent if self._folder.name == "frames" else self._folder) / NAME
         rows = {row["file"]: row for row in read_table(table)}
         self._rows = tuple(rows.get(picture.name, {}) for picture in self._pictures)
@@ -135,7 +135,7 @@ def _pixels(picture: Path) -> NDArray[np.uint8]:
     if pixels.dtype != np.uint8:
         raise InputError(
             f"{picture} has 16 bits a pixel where cameras give 8: convert it, or calibrate from it"
-            " by calib fit."
+            " by `calib fit`."
         )
     return np.asarray(pixels, np.uint8)
 

@@ -5,7 +5,9 @@ bindings.
 the sensor's mode, `awbgains=1.8,1.6` the colours, `fps=10` the rate. Focus, exposure, gain and
 white balance are fixed from the start. The program writes YUV420 with rows padded to 64 bytes; its
 Y plane is the full-range grey picture. `colour=yes` gives BGR pictures instead; with
-`auto=yes` exposure, gain and white balance that are not stated follow the light.
+`auto=yes` exposure, gain and white balance that are not stated follow the light. With `sync=server`
+or `sync=client` the frames of several cameras begin at the same time, by libcamera's software
+synchronisation: clients follow the server, and pictures come once they do.
 """
 
 import os
@@ -37,6 +39,8 @@ from capture.sources.registry import Inventory, ListedCamera
 ROW_ALIGNMENT = 64  # bytes, the alignment of a row
 START_TIMEOUT = 10.0  # s, the maximum until the first picture: the program sets up the sensor
 SILENCE_TIMEOUT = 1.5  # s, the maximum delay in addition to the frame's own time
+NAME_TIMEOUT = 5.0  # s, the maximum until the program names the sensor, before its first picture
+SYNC_FRAMES = 300  # frames, the maximum until clients follow the server; libcamera plans for 100
 LINES_TIMEOUT = 1.0  # s, the wait for the program's lines about the first picture
 INSTALL = "sudo apt install rpicam-apps"
 QUANTITIES = (
@@ -45,6 +49,9 @@ QUANTITIES = (
     Quantity("lens_position", low=0, high=100, default=0.0),
     Quantity("fps", low=0.1, high=1000, default=10.0),
 )
+SYNC = "sync"
+SERVER, CLIENT = "server", "client"
+"""The values of the option `sync`."""
 LIGHT = ("exposure_us", "gain", "awbgains")
 """The settings that may follow the light."""
 CONFIGURED = re.compile(r"configuring streams: \(0\) (\d+)x(\d+)")
@@ -54,9 +61,15 @@ FRAME_LINE = re.compile(r"^#\d+ .* exp (?P<exposure_us>[0-9.]+) ag (?P<gain>[0-9
 """The line that the program prints for each frame when it has no preview window."""
 
 
+REMARKS = {
+    SERVER: "its frames set the time of the other cameras' frames (libcamera's synchronisation)",
+    CLIENT: "its frames begin when those of the camera with sync=server do",
+}
+"""What a synchronised camera says of itself."""
+
+
 class RpicamSource:
     live = True
-    remarks: Sequence[str] = ()
     shutter: Shutter | None = None
 
     def __init__(
@@ -69,8 +82,13 @@ class RpicamSource:
         *,
         colour: bool = False,
         automatic: Collection[str] = (),
+        sync: str = "",
     ) -> None:
-        """`automatic` are the settings, exposure_us, gain or awbgains, that follow the light."""
+        """`automatic` are the settings, exposure_us, gain or awbgains, that follow the light;
+        `sync` is server or client, or empty for a camera with a time of its own.
+        """
+        self.remarks: Sequence[str] = (REMARKS[sync],) if sync else ()
+        self._sync = sync
         self._size = size
         self._colour = colour
         self._fps = settings["fps"]
@@ -100,13 +118,17 @@ class RpicamSource:
             *("--width", str(size[0]), "--height", str(size[1]), "--framerate", f"{self._fps:g}"),
             *("--autofocus-mode", "manual", "--lens-position", f"{settings['lens_position']:g}"),
             *(word for key, words in fixed.items() if key not in automatic for word in words),
-            *("--denoise", "off", *(("--mode", mode) if mode else ()), "--output", "-"),
+            *("--denoise", "off", *(("--mode", mode) if mode else ())),
+            *(("--sync", sync) if sync else ()),
+            *("--output", "-"),
         ]
         self._lines: deque[str] = deque(maxlen=50)
         self._framed = threading.Event()
         """Set once the program has printed a frame's line, and so all lines before it: the camera
         and its sizes.
         """
+        self._named = threading.Event()
+        """Set once the program has named the camera's sensor, or prints no more lines."""
         self._closed = False
 
     def __enter__(self) -> Self:
@@ -136,10 +158,11 @@ class RpicamSource:
         )
         self._listener.start()
         try:
-            self._first = self._take(0, START_TIMEOUT)
-            if self._first is None:
-                raise self._failure("ended before its first picture")
-            self._framed.wait(LINES_TIMEOUT)
+            self._first = None
+            if self._sync:  # its first picture may wait for another camera
+                self._named.wait(NAME_TIMEOUT)
+            else:
+                self._first = self._take_first()
         except BaseException:
             self.__exit__(None, None, None)
             raise
@@ -161,7 +184,7 @@ class RpicamSource:
         self._listener.join(2)
 
     def __iter__(self) -> Iterator[Frame]:
-        frame, sequence = self._first, 0
+        frame, sequence = self._first or self._take_first(), 0
         while frame is not None:
             yield frame
             sequence += 1
@@ -170,6 +193,15 @@ class RpicamSource:
     def close(self) -> None:
         self._closed = True
         self._process.terminate()
+
+    def _take_first(self) -> Frame | None:
+        """Return the first picture; None when closed."""
+        wait = SYNC_FRAMES / self._fps if self._sync else 0.0
+        frame = self._take(0, START_TIMEOUT + wait)
+        if frame is None and not self._closed:
+            raise self._failure("ended before its first picture")
+        self._framed.wait(LINES_TIMEOUT)
+        return frame
 
     def _take(self, sequence: int, patience: float) -> Frame | None:
         """Return the next picture; None when closed, or when the program ended as it should.
@@ -230,6 +262,8 @@ class RpicamSource:
                     self._lines.append(line)
                     if SELECTED_FORMAT in line:
                         self.shutter = shutter_of(sensor_in(line))
+                        self._named.set()
+        self._named.set()
 
     def _failure(self, event: str) -> CaptureError:
         """Return an error with the program's last complaint."""
@@ -238,10 +272,10 @@ class RpicamSource:
             (line for line in reversed(lines) if "ERROR" in line or "***" in line),
             lines[-1] if lines else "nothing",
         )
-        return CaptureError(
-            f"rpicam-vid {event} (it said: {complaint}): check the cable and that no other program"
-            " uses the camera."
-        )
+        advice = "check the cable and that no other program uses the camera."
+        if self._sync == CLIENT:
+            advice = f"it waits for a camera of which the source says {SYNC}={SERVER}: start that."
+        return CaptureError(f"rpicam-vid {event} (it said: {complaint}): {advice}")
 
 
 def _with_colour(grey: NDArray[np.uint8], chroma: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -258,13 +292,14 @@ def _with_colour(grey: NDArray[np.uint8], chroma: NDArray[np.uint8]) -> NDArray[
 
 
 def open_source(place: str, options: Section) -> RpicamSource:
-    options.allow_only(
-        ("size", "mode", "awbgains", COLOUR, AUTO, *(quantity.key for quantity in QUANTITIES)),
-        "known option",
-    )
+    numbers = (quantity.key for quantity in QUANTITIES)
+    options.allow_only(("size", "mode", "awbgains", SYNC, COLOUR, AUTO, *numbers), "known option")
     number = whole_number(place)
     if number is None:
         raise InputError(f"{options.file} names no camera: write its number, such as rpicam:0.")
+    sync = ""
+    if SYNC in options.values:
+        sync = options.choice(SYNC, (SERVER, CLIENT), f"{SERVER} or {CLIENT}")
     automatic = [key for key in LIGHT if key not in options.values]
     automatic = automatic if read_switch(options, AUTO) else []
     settings = {quantity.key: read_number(options, quantity) or 0.0 for quantity in QUANTITIES}
@@ -285,7 +320,21 @@ def open_source(place: str, options: Section) -> RpicamSource:
         texts[1],
         colour=read_switch(options, COLOUR),
         automatic=automatic,
+        sync=sync,
     )
+
+
+def can_synchronise() -> bool:
+    """Return True if the installed rpicam-vid can make several cameras begin their frames at the
+    same time, as those from 2025 on can.
+    """
+    try:
+        done = subprocess.run(
+            ["rpicam-vid", "--help"], capture_output=True, text=True, timeout=20, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return f"--{SYNC} " in done.stdout + done.stderr
 
 
 def inventory() -> Inventory:

@@ -38,7 +38,7 @@ class VideoSource:
             self._capture.release()
             raise InputError(
                 f"{self._file} is not a video that can be read: give a folder of its frames, or"
-                f" convert it by {convert_command(self._file)}"
+                f" convert it by `{convert_command(self._file)}`."
             )
         return self
 

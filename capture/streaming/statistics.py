@@ -19,6 +19,8 @@ class StreamStatistics:
         """The number of frames that the camera took and never sent, by its counter."""
         self.interruptions = 0
         """How often the camera was gone, and came back or was waited for."""
+        self.depth_images: int | None = None
+        """The number of depth images that were read; None for a stream at one depth."""
         self._start_s = time.monotonic()
         self._first_s = 0.0
         self._last_s = 0.0
@@ -59,10 +61,13 @@ class StreamStatistics:
         losses = f", {self.camera_losses} lost by the camera" if self.camera_losses else ""
         gone = f", {_count(self.interruptions, 'interruption')}" if self.interruptions else ""
         frames = _count(self.frames, "frame")
+        depths = (
+            "" if self.depth_images is None else f", {_count(self.depth_images, 'depth image')}"
+        )
         return (
             f"{frames}, {self.rate:.1f} a second, {self.latency_ms(50):.0f} ms from frame to"
             f" picture (95 %: {self.latency_ms(95):.0f} ms), {self.skipped} passed"
-            f" over{losses}{gone}"
+            f" over{losses}{gone}{depths}"
         )
 
     def as_json(self) -> dict[str, object]:
@@ -71,6 +76,7 @@ class StreamStatistics:
             "frames_passed_over": self.skipped,
             "frames_lost": self.camera_losses,
             "interruptions": self.interruptions,
+            "depth_images": self.depth_images,
             "seconds": self.seconds,
             "frames_per_second": self.rate,
             "latency_ms": {

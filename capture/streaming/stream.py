@@ -128,6 +128,7 @@ class Stream:
                     target.show(picture)
                 self.statistics.skipped = skipped + reader.skipped
                 self.statistics.camera_losses = losses + reader.lost
+                self.statistics.depth_images = self._straightener.depth_images
                 self.statistics.count_frame(reader.arrival_s)
                 self.listener.report_counts(self.statistics)
 

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from calib.apply.undistorter import Undistorter
+from calib.apply.undistorter import NEAR, Depth, Undistorter
 from calib.calibration import Calibration
 from calib.errors import InputError, brief
 from calib.io.numerals import real_number
@@ -19,8 +19,10 @@ MAX_SCALE = 4.0
 class StreamView:
     """The numbers that a person may change while a stream runs. InputError if one is impossible."""
 
-    depth: float
-    """m, the distance of the plane whose picture is straight; may be infinite."""
+    depth: float | None
+    """m, the distance of the plane whose picture is straight; may be infinite. Of a stream with a
+    depth image: the depth of the pixels that it leaves unknown, which are black if this is None.
+    """
     crop: float | None = None
     """The alpha of cv2.getOptimalNewCameraMatrix: 0 shows only valid pixels, 1 everything that the
     camera sees. None: the picture has the camera's focal length.
@@ -29,7 +31,7 @@ class StreamView:
     """The size of the picture over the camera's."""
 
     def __post_init__(self) -> None:
-        if not self.depth > 0:
+        if self.depth is not None and not self.depth > 0:
             raise InputError(f"depth is {self.depth:g}: write metres above 0, such as 0.5.")
         if self.crop is not None and not 0 <= self.crop <= 1:
             raise InputError(
@@ -46,13 +48,13 @@ class StreamView:
         """Return the view with some numbers replaced; InputError says which of them is wrong.
 
         Args:
-            values: by their names, depth, crop and scale. A crop may be None.
+            values: by their names, depth, crop and scale. A depth and a crop may be None.
         """
         names = asdict(self).keys()
         if unknown := [name for name in values if name not in names]:
             raise InputError(f"{brief(unknown[0])} is not of a view: write {', '.join(names)}.")
         numbers = {
-            name: None if name == "crop" and value is None else real_number(value, name)
+            name: None if name != "scale" and value is None else real_number(value, name)
             for name, value in values.items()
         }
         return replace(self, **numbers)  # type: ignore[arg-type]
@@ -66,11 +68,19 @@ class StreamView:
         height = max(2, 2 * round(camera.height * self.scale / 2))
         return width, height
 
-    def undistorter(self, calibration: Calibration) -> Undistorter:
-        """Return the undistorter that makes the picture; InputError if no ray reaches the depth."""
+    def undistorter(
+        self, calibration: Calibration, depth: Depth | None = None, near: float = NEAR
+    ) -> Undistorter:
+        """Return the undistorter that makes the picture; InputError if no ray reaches the depth.
+
+        Args:
+            depth: m, a depth image for the picture; None: the depth of the view.
+            near: m, the smallest depth of depth images.
+        """
         size = self.size(calibration)
+        depth = self.depth if depth is None else depth
         if self.crop is not None:
-            return Undistorter(calibration, self.depth, crop=self.crop, size=size)
+            return Undistorter(calibration, depth, crop=self.crop, size=size, near=near)
         k = calibration.camera.intrinsics
         assert k
         x_scale = size[0] / calibration.camera.width
@@ -82,4 +92,4 @@ class StreamView:
                 [0, 0, 1],
             ]
         )
-        return Undistorter(calibration, self.depth, camera_matrix=matrix, size=size)
+        return Undistorter(calibration, depth, camera_matrix=matrix, size=size, near=near)

@@ -1,6 +1,6 @@
 """The form for board and cover: its fields follow from the board's type and the cover's shape."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from textual.app import ComposeResult
 from textual.containers import Grid, Vertical
@@ -13,7 +13,7 @@ from calib.session.schema import UNKNOWN
 from calib.session.shapes.registry import find_shape, stated_shape_names
 from capture.tui.form import BOARD, UNKNOWN_KEY, FormTexts
 from capture.tui.page import Field
-from capture.tui.row import Row
+from capture.tui.row import NEEDED, Row
 
 BOARDS = {
     "checkerboard": {},
@@ -31,8 +31,6 @@ def _initial_texts(shape: str) -> dict[str, str]:
 
 INITIAL_TEXTS = {entry for shape in stated_shape_names() for entry in _initial_texts(shape).items()}
 """The keys and first texts of the covers of all shapes."""
-NEEDED = "needed"
-"""What an empty field says that must not stay empty."""
 OR_UNKNOWN = f", or {UNKNOWN_KEY}"
 NEEDED_OF_COVER = {
     entry.quantity.key
@@ -71,24 +69,13 @@ class BoardAndCover(Vertical):
         """The board's keys without a field, as session.yaml has them."""
         self._typed_cover: dict[str, str] = {}
         """What was typed for covers of any shape: a change of the shape keeps it."""
+        self._kind = _choice("board type", "kind", BOARD, EMPTY_FORM.kind)
+        self._shape = _choice("cover shape", "shape", stated_shape_names(), EMPTY_FORM.shape)
 
     def compose(self) -> ComposeResult:
-        yield Row(
-            "board type",
-            Select(
-                [(kind, kind) for kind in BOARD],
-                value=EMPTY_FORM.kind,
-                allow_blank=False,
-                id="kind",
-                compact=True,
-            ),
-        )
+        yield self._kind
         yield Grid(id="board")
-        shapes = [(shape, shape) for shape in stated_shape_names()]
-        yield Row(
-            "cover shape",
-            Select(shapes, value=EMPTY_FORM.shape, allow_blank=False, id="shape", compact=True),
-        )
+        yield self._shape
         yield Grid(id="cover")
         note = Static(id="outer", markup=False)
         note.display = False
@@ -96,11 +83,11 @@ class BoardAndCover(Vertical):
 
     @property
     def kind(self) -> str:
-        return str(self.query_one("#kind", Select).value)
+        return str(self._kind.field.value)
 
     @property
     def shape(self) -> str:
-        return str(self.query_one("#shape", Select).value)
+        return str(self._shape.field.value)
 
     @property
     def filled(self) -> bool:
@@ -120,24 +107,34 @@ class BoardAndCover(Vertical):
         outer = self._outer if cover else ()
         return FormTexts(board, self.shape, cover, self.kind, outer, self._unusual)
 
-    async def show(self, typed: FormTexts) -> None:
-        await self._show_fields("#board", BOARD[typed.kind], typed.board)
-        await self._show_fields("#cover", _keys(typed.shape), typed.cover)
-        self.query_one("#kind", Select).value = typed.kind
-        self.query_one("#shape", Select).value = typed.shape
+    async def show(self, typed: FormTexts, *, stated: bool = True) -> None:
+        """Show these texts. `stated` is False if those that equal the first texts of an empty form
+        are assumptions of the program.
+        """
+        board, cover = ({}, {}) if stated else (BOARDS[typed.kind], _initial_texts(typed.shape))
+        await self._show_fields("#board", BOARD[typed.kind], typed.board, board)
+        await self._show_fields("#cover", _keys(typed.shape), typed.cover, cover)
+        self._kind.field.value, self._shape.field.value = typed.kind, typed.shape
+        self._kind.assume("" if stated else EMPTY_FORM.kind)
+        self._shape.assume("" if stated else EMPTY_FORM.shape)
         self._show_outer(typed.outer)
         self._unusual = typed.unusual
 
     async def reshape(self) -> None:
         """Show the fields of the chosen type and shape, if they are not on the screen yet."""
         if self._names("#board") != list(BOARD[self.kind]):
-            await self._show_fields("#board", BOARD[self.kind], BOARDS[self.kind])
+            texts = BOARDS[self.kind]
+            await self._show_fields("#board", BOARD[self.kind], texts, texts)
         if self._names("#cover") != _keys(self.shape):
             for field in self.query("#cover Input").results(Input):
                 if field.name and field.value and (field.name, field.value) not in INITIAL_TEXTS:
                     self._typed_cover[field.name] = field.value
-            texts = _initial_texts(self.shape) | self._typed_cover
-            await self._show_fields("#cover", _keys(self.shape), texts)
+            initial_texts = _initial_texts(self.shape)
+            cover_texts = initial_texts | self._typed_cover
+            if self.shape == UNKNOWN:  # who does not know the shape hardly knows a number
+                needed = NEEDED_OF_COVER.intersection(_keys(self.shape))
+                cover_texts |= {key: UNKNOWN for key in needed if not cover_texts[key]}
+            await self._show_fields("#cover", _keys(self.shape), cover_texts, initial_texts)
             self._show_outer(self._outer)
 
     def _show_outer(self, outer: tuple[Mapping[str, object], ...]) -> None:
@@ -156,12 +153,27 @@ class BoardAndCover(Vertical):
     def _names(self, place: str) -> list[str | None]:
         return [field.name for field in self.query(f"{place} Input")]
 
-    async def _show_fields(self, place: str, keys: Sequence[str], texts: Mapping[str, str]) -> None:
+    async def _show_fields(
+        self,
+        place: str,
+        keys: Sequence[str],
+        texts: Mapping[str, str],
+        assumptions: Mapping[str, str],
+    ) -> None:
         grid = self.query_one(place, Grid)
         async with self.batch():
             await grid.remove_children()
             create = _field if place == "#board" else _number_field
-            await grid.mount_all(Row(key, create(key, texts.get(key, ""))) for key in keys)
+            await grid.mount_all(
+                Row(key, create(key, texts.get(key, "")), assumptions.get(key, "")) for key in keys
+            )
+
+
+def _choice(label: str, key: str, names: Iterable[str], first: str) -> Row:
+    """Return the row of a choice, in which the program assumes the first one."""
+    options = [(name, name) for name in names]
+    choice = Select(options, value=first, allow_blank=False, id=key, compact=True)
+    return Row(label, choice, first)
 
 
 def _keys(shape: str) -> list[str]:

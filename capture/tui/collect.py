@@ -3,7 +3,7 @@ coverage.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -17,9 +17,11 @@ from textual.events import ScreenResume
 from textual.message import Message
 
 from calib.errors import harmless
+from calib.io.images import list_images
 from calib.session.session import MIN_FIT_VIEWS
 from calib.verdict.verdict import Trust
 from capture.coverage import Hint, SessionProgress
+from capture.gate import GOOD_VIEW, HOLD_STILL, KNOWN_VIEW, MOVING, NO_BOARD
 from capture.narrator import silence_sentence
 from capture.recording_loop import Step, refusal_reason
 from capture.sources.registry import is_recorded_source, is_rehearsal
@@ -47,6 +49,10 @@ MORE_BARE_VIEWS_HELP = (
     "Enough to go on. More views would improve the lens.",
 )
 """The remarks below ENOUGH_BARE_VIEWS, and from there on."""
+ENOUGH_NOTE = "There are enough views. More do no harm."
+UNNEEDED_ADVICE = KNOWN_VIEW, NO_BOARD, HOLD_STILL, MOVING, GOOD_VIEW
+"""The sentences on a frame that ask for one more view, which nobody needs once there are enough."""
+ROOMY_WIDTH = 100  # columns
 REASON_S = 6.0  # s for which the reason why a fit cannot start stays
 
 
@@ -69,6 +75,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
         Binding("f", "not_yet", show=False),
         Binding("o", "again", "Reopen"),
         Binding("u", "straight", "Undistort"),
+        Binding("u", "as_it_is", "As it is"),
         Binding("ctrl+o", "results", "Results", key_display="^o"),
         DOTS,
         Binding("escape", "back", "Set-up", key_display="esc"),
@@ -98,6 +105,10 @@ class CollectScreen(WatchingPage, UndistortionPage):
         self._enough = False
         self._ending = ""
         """The message at the end of the source."""
+        self._end: WatchingPage.RecordingStopped | None = None
+        """The end of the source, if all of its pictures were judged."""
+        self._end_pictures: tuple[Path, ...] = ()
+        """The pictures of the session at that end."""
         self.wrong_board = ""
         """The message for the set-up if the source has ended and no picture showed the board."""
         self._warned = False
@@ -108,6 +119,8 @@ class CollectScreen(WatchingPage, UndistortionPage):
         """The number of judged pictures of this run."""
         self._pictures_with_board = 0
         self._taken_pictures = 0
+        self._known_views = 0
+        """The number of photographs of this run whose views the session has already."""
         self._unused: list[str] = []
         """The photographs of this run that were not taken, each with the reason."""
 
@@ -127,6 +140,15 @@ class CollectScreen(WatchingPage, UndistortionPage):
             early.add("results" if self._taken_pictures else "fit")
         return frozenset(early)
 
+    @property
+    def finished_actions(self) -> frozenset[str]:
+        """Once there are enough views, the next step takes the place of taking them by hand."""
+        return frozenset({"take"} if self._enough and self.recording else ())
+
+    @property
+    def switches(self) -> Mapping[str, bool]:
+        return {"automatic": self.shutter.automatic}
+
     def step(self) -> str:
         return "Without cover" if self.plan.bare else "Through cover"
 
@@ -141,19 +163,38 @@ class CollectScreen(WatchingPage, UndistortionPage):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
+        has_calibration = not self.plan.bare and self.calibration() is not None
         offered = {
             "cover_on": self.plan.bare and bool(self.view_corners),
             "fit": not self.plan.bare,
             "again": self.recording is None,
             "take": self.recording is not None,
-            "results": (
-                not self.plan.bare and self.recording is None and self.calibration() is not None
-            ),
-            "straight": not self.plan.bare and self.calibration() is not None,
+            "results": has_calibration and (self.recording is None or self._has_room),
+            "straight": has_calibration and not self.is_undistorting,
+            "as_it_is": has_calibration and self.is_undistorting,
         }
         return offered.get(action, True)
 
+    @property
+    def _has_room(self) -> bool:
+        """True if the line of keys has room for the results beside the keys of a recording."""
+        return bool(getattr(self.app, "on_phone", False)) or self.size.width >= ROOMY_WIDTH
+
     @on(ScreenResume)
+    def _resume(self) -> None:
+        """Start. A source that has ended is looked through anew only if the views have changed."""
+        if self._end is None or self._end_pictures != self._pictures():
+            self._start()
+            return
+        self._ending = self.ending_sentence(self._end)
+        self._repeat_ending()
+        self.refresh_bindings()
+        self.show_hint(self._hint, self.query_one(Panel).progress)
+
+    def _pictures(self) -> tuple[Path, ...]:
+        folder = self.plan.folder
+        return list_images(folder) if folder.is_dir() else ()
+
     def _start(self) -> None:
         picture = self.query_one(Picture)
         if (
@@ -162,8 +203,10 @@ class CollectScreen(WatchingPage, UndistortionPage):
             and self.start_recording(lambda: picture.phone)
         ):
             self._judged_pictures = self._pictures_with_board = self._taken_pictures = 0
+            self._known_views = 0
             self._unused = []
             self._ending = self.wrong_board = ""
+            self._end = None
             self.refresh_bindings()
 
     def show(self, preview: Preview) -> None:
@@ -178,7 +221,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
         self._draw()
 
     def show_silence(self, seconds: float) -> None:
-        if time.monotonic() > self._message_until:
+        if self._is_message_over:
             self.say(silence_sentence(seconds))
 
     def recording_started(self) -> None:
@@ -201,7 +244,12 @@ class CollectScreen(WatchingPage, UndistortionPage):
             self.app.bell()
             self.post_message(ToneRequested("taken"))
             action = "Move the board to the next place." if self._has_person else step.frame.name
-            self.say(f"TAKEN: view {len(self.view_corners)}. {harmless(action)}".strip(), TAKEN_S)
+            if self._has_person and self._enough:
+                action = ""
+            if not self.is_making_maps:
+                self.say(
+                    f"TAKEN: view {len(self.view_corners)}. {harmless(action)}".strip(), TAKEN_S
+                )
             self.refresh_bindings()
             self._update_count()
             self.request_advice()
@@ -209,11 +257,12 @@ class CollectScreen(WatchingPage, UndistortionPage):
             if step.frame.isolated:
                 reason = step.decision.sentence.partition(":")[0].rstrip(".")
                 self._unused.append(f"{step.frame.name} ({reason})")
-            if time.monotonic() > self._message_until:
+                self._known_views += step.decision.sentence == KNOWN_VIEW
+            if self._is_message_over:
                 self.say(self._in_words(step.decision.sentence))
         if refusal_reason(step) != self._refusal:
             self._refusal = refusal_reason(step)
-            if self._refusal and self._has_person:
+            if self._refusal and self._has_person and not self._enough:
                 self.post_message(ToneRequested("refused"))
         if step.frame.isolated:  # a photograph stays on the screen until the next one
             self._draw()
@@ -221,8 +270,15 @@ class CollectScreen(WatchingPage, UndistortionPage):
         self._update_notes()
 
     def _in_words(self, sentence: str) -> str:
-        """Return the sentence on a picture, without advice where nobody holds the board."""
-        return sentence if self._has_person else f"{sentence.partition(':')[0].rstrip('.')}."
+        """Return the sentence on a picture, without advice where nobody holds the board, and the
+        next step where the advice is not needed any more.
+        """
+        if not self._has_person:
+            return f"{sentence.partition(':')[0].rstrip('.')}."
+        return self._enough_text() if self._enough and sentence in UNNEEDED_ADVICE else sentence
+
+    def _enough_text(self) -> str:
+        return f"ENOUGH: {self.next_step_text()}."
 
     def show_stop(self, message: WatchingPage.RecordingStopped) -> None:
         self._corners = None
@@ -236,8 +292,12 @@ class CollectScreen(WatchingPage, UndistortionPage):
             self.wrong_board = no_board_advice(
                 self.plan, self._judged_pictures, "correct the board here, or name another source"
             )
+        if message.exhausted:
+            self._end = message
+            self._end_pictures = self._pictures()
         self._ending = self.ending_sentence(message)
-        self.say(self._ending)
+        if not self.is_making_maps:
+            self.say(self._ending)
         if message.retries:
             self.set_timer(RETRY_S, self._start)
 
@@ -248,16 +308,20 @@ class CollectScreen(WatchingPage, UndistortionPage):
             return no_board_advice(self.plan, self._judged_pictures)
         next_step_text = ""
         if self.plan.bare and self.view_corners:
-            next_step_text = "n to go on through the cover, from another source, "
+            next_step_text = "n, then put the cover on"
         elif not self.plan.bare and len(self.view_corners) >= MIN_FIT_VIEWS:
-            next_step_text = f"{self._fit_keys()}, "
-        return (
-            f"{message.sentence} Press {next_step_text}o to {message.restart_text}, esc for the"
-            f" set-up.{self._unused_note()}"
-        )
+            next_step_text = self._fit_keys()
+        if not next_step_text or not message.exhausted:
+            restart = f"o to {message.restart_text}, esc to name another source"
+            next_step_text = ", ".join(filter(None, (next_step_text, restart)))
+        return f"{message.sentence} Press {next_step_text}.{self._unused_note()}"
 
     def _unused_note(self) -> str:
-        if not (number := len(self._unused)):
+        """Return a note on the photographs that were not taken; none where the session has the
+        views of them all.
+        """
+        number = len(self._unused)
+        if not number or self._known_views == self._judged_pictures:
             return ""
         suffix = f" and {number - 1} more" if number > 1 else ""
         return f" Not taken: {harmless(self._unused[0])}{suffix}."
@@ -271,13 +335,17 @@ class CollectScreen(WatchingPage, UndistortionPage):
         """Show where to hold the board next, if there is to be a next view that somebody takes."""
         has_ended = not self.recording and (self.plan.bare or is_recorded_source(self.plan.source))
         is_enough = self.is_enough(progress)
+        # the large line then says it
+        is_announced = is_enough and bool(self.recording) and self._has_person
         if is_enough and not self._enough:
             self.post_message(ToneRequested("enough"))
+            if is_announced and self._is_message_over:
+                self.say(self._enough_text())
         self._enough = is_enough
         self._hint = None if has_ended or is_enough or not self._has_person else hint
         text = f"Next: {self._hint.instruction}." if self._hint else ""
         if is_enough:
-            text = f"ENOUGH: {self.next_step_text()}. More views do no harm."
+            text = ENOUGH_NOTE if is_announced else f"{self._enough_text()} More views do no harm."
         elif self.MAPS and has_ended and self.view_corners:
             text = (
                 MORE_BARE_VIEWS_HELP[len(self.view_corners) >= ENOUGH_BARE_VIEWS]
@@ -307,7 +375,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
         """Return the keys that lead on from the views through the cover."""
         if self.calibration() is None:
             return "f to fit"
-        if self.recording:
+        if not self.check_action("results", ()):
             return "f to fit anew"
         keys = "f to fit anew", "^o for the results"
         return ", ".join(keys if self._taken_pictures else keys[::-1])
@@ -323,11 +391,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
         self.query_one(Picture).show(self._preview, marks)
 
     def _update_notes(self) -> None:
-        notes = (
-            [f"Undistorted for {self.undistortion.depth:g} m; u shows it as it is."]
-            if self.undistortion
-            else []
-        )
+        notes = [f"Undistorted for {self.undistortion.depth:g} m."] if self.undistortion else []
         remarks = [self.guide_remark] if self.guide_remark else []
         self.query_one(Panel).say([*self._remarks, *remarks, *notes])
 
@@ -335,17 +399,24 @@ class CollectScreen(WatchingPage, UndistortionPage):
         self.query_one(Panel).count(len(self.view_corners), automatic=self.shutter.automatic)
 
     def say(self, sentence: str, for_s: float = 0.0) -> None:
-        """Show a sentence. For `for_s` seconds, judged frames do not replace it."""
+        """Show a sentence. For `for_s` seconds, judged frames do not replace it; then the message
+        about an ended source returns.
+        """
         self._message_until = time.monotonic() + for_s
         self.query_one("#verdict", Line).say(sentence)
+        if for_s:
+            self.set_timer(for_s + 0.1, self._repeat_ending)
 
-    def _remark(self, sentence: str) -> None:
-        """Show a remark for some seconds; then the message about an ended source returns."""
-        self.say(sentence, REASON_S)
-        self.set_timer(REASON_S + 0.1, self._repeat_ending)
+    @property
+    def _is_message_over(self) -> bool:
+        """True if the last message may be replaced: that maps are being made stays until they
+        come.
+        """
+        return time.monotonic() >= self._message_until and not self.is_making_maps
 
     def _repeat_ending(self) -> None:
-        if self._ending and not self.recording and time.monotonic() >= self._message_until:
+        """Show the message about an ended source once a later one is over."""
+        if self._ending and not self.recording and self._is_message_over:
             self.say(self._ending)
 
     def action_take(self) -> None:
@@ -388,22 +459,23 @@ class CollectScreen(WatchingPage, UndistortionPage):
 
     def action_fit(self) -> None:
         if lack := find_missing(self.plan.session):
-            self._remark(lack)
+            self.say(lack, REASON_S)
             return
         progress = self.query_one(Panel).progress
         if (
             self.recording and progress and not (self._enough or self._warned)
         ):  # where no more pictures come, f is the proposed key
             self._warned = True
-            self._remark(too_few_views_warning(progress))
+            self.say(too_few_views_warning(progress), REASON_S)
             return
         self.stop_recording()
+        self._taken_pictures = 0  # a fit has them all
         self.say("The camera is being opened.")
         self.app.push_screen(FitScreen(self.plan.session))
 
     def action_not_yet(self) -> None:
         """Explain why a fit is not offered."""
-        self._remark("The fit comes after the views through the cover.")
+        self.say("The fit comes after the views through the cover.", REASON_S)
 
     def action_none_yet(self) -> None:
         """Explain why the cover is not to be put on."""
@@ -412,4 +484,4 @@ class CollectScreen(WatchingPage, UndistortionPage):
             if self.plan.bare
             else "n ends the views without the cover; f fits these."
         )
-        self._remark(sentence)
+        self.say(sentence, REASON_S)

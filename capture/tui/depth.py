@@ -14,7 +14,7 @@ class DepthScreen(Question[float]):
     ABOUT = (
         "The live picture is shown as a camera without a cover would take it, with straight lines"
         " over it. Objects at this depth, in metres from the lens along its axis, then appear"
-        " straight and in their place; u again shows the picture as it is."
+        ' straight and in their place. "As it is" then ends it.'
     )
     NAME = "depth"
     LABEL = "depth in metres"

@@ -4,12 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from calib.io.images import frames_folder
 from calib.io.result_names import CALIBRATION_FILE
 from capture.disk import is_regular_file
+from capture.picture_pair import STRAIGHT
 from capture.tui.farewell import REPORT, files_since, select_newer, updated_folder
 
-STRAIGHT = "straight_"
-"""The start of the names of folders with straight pictures, before their depth."""
 OPEN_REPORT = "Open the report"
 """The label of the report's link."""
 
@@ -18,7 +18,9 @@ OPEN_REPORT = "Open the report"
 class Download:
     label: str
     name: str
-    """The name under which a browser saves it. It ends in .zip for an archive of the files."""
+    """The name under which a browser saves it. It ends in .zip for an archive of the files, and in
+    .html for two pictures on a page.
+    """
     files: tuple[Path, ...]
 
 
@@ -33,6 +35,7 @@ def find_downloads(
             in the session's export folder.
     """
     folder = calibration.parent
+    pictures = frames_folder(session)
     if is_regular_file(report := folder / REPORT):
         yield Download(OPEN_REPORT, REPORT, (report.resolve(),))
     if renewed := updated_folder(folder):
@@ -48,6 +51,17 @@ def find_downloads(
         words = f"pictures, {', '.join(depths)}" if is_straight else "exports"
         label = f"Download {words} ({megabytes:.1f} MB)"
         yield Download(label, f"{session.resolve().name}-{'-'.join(folders)}.zip", files)
-        if depths:
-            first = next(file for file in files if file.parent.name.startswith(STRAIGHT))
-            yield Download(f"See one, {depths[0]}", first.name, (first,))
+        if pair := _first_pair(files, pictures.resolve()):
+            label = f"See before and after, {depths[0]}"
+            yield Download(label, f"before-and-after-{depths[0]}.html", pair)
+
+
+def _first_pair(files: Sequence[Path], pictures: Path) -> tuple[Path, Path] | None:
+    """Return the first picture that was straightened, and its straight one; None where the folder
+    of pictures has no such picture.
+    """
+    for straight in files:
+        original = pictures / straight.name
+        if straight.parent.name.startswith(STRAIGHT) and is_regular_file(original):
+            return original, straight
+    return None

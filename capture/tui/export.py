@@ -76,6 +76,7 @@ class ExportScreen(Dialog[str]):
         *TYPING,
         Binding("ctrl+s", "export", "Export", key_display="^s", priority=True),
         Binding("escape", "back", "Back", key_display="esc"),
+        Binding("ctrl+q", "app.quit", "Quit", key_display="^q", priority=True),
         Binding("pageup", "scroll(-3)", show=False),
         Binding("pagedown", "scroll(3)", show=False),
     ]

@@ -17,8 +17,9 @@ from calib.session.dispersion import COLOUR_KEYS
 from calib.session.schema import UNKNOWN, Quantity, Section, is_unknown
 from calib.session.session import session_from_mapping, session_to_yaml
 from calib.session.shapes.dimension import Dimension
-from calib.session.shapes.layer import LAYER
+from calib.session.shapes.layer import LAYER, MEDIA, OUTSIDE, WATER
 from calib.session.shapes.registry import find_shape
+from calib.session.tolerances import ANY_WATER
 from calib.session.typed_number import join_sigmas, typed_number
 from capture.session_file import Setup
 
@@ -103,7 +104,9 @@ def explain_field(key: str, kind: str, shape: str) -> str:
 
 
 def _roughly(entry: Dimension) -> str:
-    """Return a sentence on the tolerance of a number; empty if the fit holds the number."""
+    """Return a sentence on the tolerance of a number; empty if it has none."""
+    if entry is OUTSIDE:
+        return ROUGHLY.format(sigma=ANY_WATER.sigma, example=MEDIA[WATER])
     if not entry.tolerance:
         return ""
     sigma = entry.tolerance.sigma * entry.quantity.unit[1]

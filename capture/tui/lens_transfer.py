@@ -12,8 +12,7 @@ from calib.errors import InputError
 from calib.io.yaml_reader import read_yaml
 from calib.session.camera import camera_to_yaml, read_camera
 from calib.session.schema import Section
-from capture.disk import write_durably
-from capture.session_file import Setup, read_setup
+from capture.session_file import Setup, read_setup, write_description
 from capture.tui.references import read_like
 
 CAMERA = re.compile(r"^camera:[ \t]*(?:#.*)?\n(?=( +)\S)", re.MULTILINE)
@@ -60,4 +59,4 @@ def write_lens(session: Path, like: Setup) -> None:
     text = CAMERA.sub(lambda match: match[0] + indent(lines, match[1]), original, count=1)
     if text == original:
         text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
-    write_durably(file, text)
+    write_description(session, text)

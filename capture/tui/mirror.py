@@ -24,7 +24,8 @@ from capture.tui.help import Prose
 from capture.tui.maps import CoverageMap
 from capture.tui.page import STEPS, Page
 from capture.tui.picture import Picture
-from capture.tui.touch_wording import name_buttons, readable_key
+from capture.tui.row import ASSUMED, Row
+from capture.tui.touch_wording import name_buttons, readable_label
 from capture.tui.working_page import Bar, WorkingPage
 
 Block = dict[str, object]
@@ -44,6 +45,8 @@ MOVED_BELOW = ("outside_index", "shape")
 """The field that decides between air and water, and the choice below which a page has it: below all
 others it would be hidden, with a value that nobody has looked at.
 """
+WIDE = ("outside_index",)
+"""The fields that take the width of the page, because their labels are long."""
 MAIN_ACTIONS = [
     "take",
     "start",
@@ -84,9 +87,7 @@ def describe_screen(app: App[Any]) -> dict[str, object]:
         "blocks": blocks,
         "pictures": len(screen.query(Picture)),
         "focus": name_of(focused) if isinstance(focused, Input | Select) else "",
-        "keys": _buttons(
-            _shown_bindings(screen), pages[-1].early_actions if pages else frozenset()
-        ),
+        "keys": _buttons(_shown_bindings(screen), pages[-1] if pages else None),
         "notices": [name_buttons(item.message, labels) for item in app._notifications],
     }
 
@@ -162,13 +163,17 @@ def _urgency(block: Block) -> int:
     return INSTRUCTION_IDS.index(str(name)) if block.get("spoken") else -1
 
 
-def _buttons(bindings: list[tuple[Any, bool]], early: frozenset[str]) -> list[Block]:
-    """Return the buttons of the bindings. An action for which it is early is not the main one. A
-    button that is off keeps its place: no other one may come under a finger.
+def _buttons(bindings: list[tuple[Any, bool]], page: Page | None) -> list[Block]:
+    """Return the buttons of the bindings. An action for which it is early, or which is not needed
+    any more, is not the main one. A button that is off keeps its place: no other one may come under
+    a finger. `pressed` is whether a switch is on, None for any other button.
     """
-    actions = {binding.action for binding, enabled in bindings if enabled} - early
+    early = page.early_actions if page else frozenset()
+    finished = page.finished_actions if page else frozenset()
+    switches = page.switches if page else {}
+    shown = {binding.action for binding, _ in bindings} - finished
+    actions = {binding.action for binding, enabled in bindings if enabled} & shown - early
     main = next((action for action in MAIN_ACTIONS if action in actions), "")
-    shown = {binding.action for binding, _ in bindings}
     top = next((action for action in MAIN_ACTIONS if action in shown), "")
     return [
         {
@@ -177,6 +182,7 @@ def _buttons(bindings: list[tuple[Any, bool]], early: frozenset[str]) -> list[Bl
             "main": binding.action == main,
             "top": binding.action == top,
             "off": not enabled,
+            "pressed": switches.get(binding.action),
         }
         for binding, enabled in bindings
     ]
@@ -189,7 +195,9 @@ def _blocks(widget: Widget) -> Iterator[Block]:
         if not child.display or isinstance(child, Footer | Button | Picture | ToastRack):
             continue  # every button has a key as well
         if isinstance(child, Label):
-            label = readable_key(str(child.content).lstrip("✗ "))
+            label = readable_label(str(child.content).lstrip("✗ "))
+            if isinstance(widget, Row) and widget.is_assumed:
+                label += f" ({ASSUMED})"
         elif isinstance(child, CoverageMap) and child.covered is not None:
             yield _map_block(child, child.covered)
         elif isinstance(child, Static):
@@ -211,7 +219,8 @@ def _is_redundant(widget: Static) -> bool:
         and bool(widget.screen.bars)
         and widget.id in ("tasks", "errors")
     )
-    return drawn or widget.id in ("steps", "small", "legend")
+    is_in_label = widget.has_class(ASSUMED)
+    return drawn or is_in_label or widget.id in ("steps", "small", "legend")
 
 
 def _bar_block(bar: Bar) -> Block:
@@ -249,7 +258,9 @@ def _text_block(widget: Static, text: str) -> Block:
 
 def _input_block(widget: Widget, label: str) -> Block | None:
     """Return the block of a field, a choice or a list; None for another widget."""
-    half = any(isinstance(ancestor, Grid) for ancestor in widget.ancestors)
+    half = name_of(widget) not in WIDE and any(
+        isinstance(ancestor, Grid) for ancestor in widget.ancestors
+    )
     about = {"name": name_of(widget), "label": label, "disabled": widget.disabled, "half": half}
     match widget:
         case Input():

@@ -4,6 +4,7 @@ the terminal is too small.
 
 import asyncio
 from abc import abstractmethod
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from textual import on
@@ -119,6 +120,16 @@ class Page(Screen[bool]):
     def early_actions(self) -> frozenset[str]:
         """The actions that are possible and not advised yet."""
         return frozenset()
+
+    @property
+    def finished_actions(self) -> frozenset[str]:
+        """The actions that are possible and not needed any more: another one is the main one."""
+        return frozenset()
+
+    @property
+    def switches(self) -> Mapping[str, bool]:
+        """The actions that turn something on and off, each with whether it is on."""
+        return {}
 
     def action_help(self) -> None:
         self.app.push_screen(HelpScreen())

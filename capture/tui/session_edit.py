@@ -11,8 +11,7 @@ import yaml
 
 from calib.io.yaml_reader import read_yaml
 from calib.session.session import session_to_yaml
-from capture.disk import write_durably
-from capture.session_file import read_setup
+from capture.session_file import read_setup, write_description
 from capture.tui.form import FormTexts, read_form, write_form
 
 VALUE = r"(?:\[[^\]\n]*\]|\{[^}\n]*\}|[^\s,#{}\[\]][^\n,#{}\[\]]*?)"
@@ -58,7 +57,7 @@ def write_edits(session: Path, typed: FormTexts) -> bool:
         text = _replace_values(text, section, changed)
     if yaml.safe_load(text) != document:
         text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
-    write_durably(file, text)
+    write_description(session, text)
     return True
 
 

@@ -22,7 +22,7 @@ def count_pictures(session: Path, *, bare: bool) -> int:
 def describe_session(session: Path) -> str:
     """Return the set-up's first line."""
     if not has_session_file(session):
-        return f"{session}: a new session."
+        return f"{session}: a new session. Fill in what is needed, check what is assumed."
     text = (
         f"{session}: continued, {_views(count_pictures(session, bare=True))} without cover and"
         f" {_views(count_pictures(session, bare=False))} through it."
@@ -31,7 +31,7 @@ def describe_session(session: Path) -> str:
         text += " It is fitted: ^o opens its results."
     elif count_pictures(session, bare=False) and not _lens_known(session):
         text += " Views without the cover would make its lens surer."
-    return text + " Values that you correct here go into its session.yaml at Start."
+    return text + " Values that you correct here go into its session.yaml when you go on."
 
 
 def _lens_known(session: Path) -> bool:

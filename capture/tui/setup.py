@@ -2,6 +2,7 @@
 typed.
 """
 
+from asyncio import to_thread
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
@@ -16,8 +17,13 @@ from textual.widgets import Button, Input, Select, Static
 
 from calib.errors import InputError, RefracalError, harmless
 from capture.session_file import board_of, read_setup
-from capture.source_folder import check_source_folder, select_pictures
-from capture.sources.registry import is_recorded_source, open_source
+from capture.source_folder import (
+    check_source_folder,
+    describe_repeat,
+    repeat_sentence,
+    select_pictures,
+)
+from capture.sources.registry import full_source, is_recorded_source, open_source
 from capture.tui.board_and_cover import EMPTY_FORM, BoardAndCover
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
@@ -43,6 +49,7 @@ from capture.tui.start_warnings import find_warnings
 class SetupScreen(Page):
     DEFAULT_CSS = """
     SetupScreen VerticalScroll { height: 1fr; padding: 0 1; }
+    SetupScreen Input > .input--placeholder { color: $text-warning; }
     SetupScreen #now { height: auto; }
     SetupScreen #state { text-style: bold; }
     SetupScreen #start { width: 30; margin: 1 0 0 19; }
@@ -66,6 +73,8 @@ class SetupScreen(Page):
         recording.
         """
         self._source = SourceField(source)
+        self._last_recording: tuple[str, bool] | None = None
+        """The source of the last recording, and whether the cover was off."""
         self._like = LikeField(session)
         self._form = BoardAndCover()
         self._phase = PhaseField()
@@ -185,7 +194,7 @@ class SetupScreen(Page):
     async def _show_new(self) -> None:
         """Show the texts that were typed before the program ended last, if there are any."""
         draft = load_draft(self.session)
-        await self._form.show(draft.typed if draft else EMPTY_FORM)
+        await self._form.show(draft.typed if draft else EMPTY_FORM, stated=False)
         if draft:
             self._like.restore(draft.like)
 
@@ -315,12 +324,16 @@ class SetupScreen(Page):
             await self._mark(self._source.field)
             self._source.field.focus()
             return
+        if repeat := await to_thread(self._describe_repeat, task):
+            self._focus_error(self._source.field, repeat)
+            return
         for sentence, field in find_warnings(task):
             if (sentence, task.source) not in self._accepted:
                 self._accepted.add((sentence, task.source))
                 self._focus_error(self.query_one(f"#{field}"), sentence)
                 return
         self._last_source = task.source
+        self._last_recording = task.source, task.bare
         if (
             self.is_current and self._set_bare_aside()
         ):  # and the same key has not started it already
@@ -328,6 +341,21 @@ class SetupScreen(Page):
             self.app.push_screen(
                 screen, lambda covered: self._return_from_recording(screen, covered=bool(covered))
             )
+
+    def _describe_repeat(self, task: Task) -> str:
+        """Return a sentence if the source has the pictures of the other phase; else an empty
+        string. Blocks. A video is known by its name.
+        """
+        if task.setup[2].shape == "none":
+            return ""
+        is_repeated_video = (
+            full_source(task.source).startswith("video:")
+            and self._last_recording == (task.source, not task.bare)
+            and count_pictures(task.session, bare=task.covered)
+        )
+        if is_repeated_video:
+            return repeat_sentence(task.source, task.session, covered=task.covered)
+        return describe_repeat(task.source, task.session, covered=task.covered)
 
     def _set_bare_aside(self) -> bool:
         """Set aside the pictures that are to be taken anew. Return False if that fails; the screen

@@ -14,7 +14,7 @@ from capture.sources.registry import is_recorded_source, open_source, usable_cam
 from capture.tui.page import Field
 from capture.tui.path_suggester import PathSuggester
 from capture.tui.references import explain_unreadable
-from capture.tui.row import Row
+from capture.tui.row import NEEDED, Row
 
 
 class SourceField(Vertical):
@@ -32,7 +32,13 @@ class SourceField(Vertical):
 
     def __init__(self, source: str) -> None:
         super().__init__()
-        self.field = Field(source, id="source", suggester=PathSuggester(kinds=True), compact=True)
+        self.field = Field(
+            source,
+            id="source",
+            placeholder=NEEDED,
+            suggester=PathSuggester(kinds=True),
+            compact=True,
+        )
         self._failure = ("", "")
         """The source that could not be opened last, and the reason."""
         self._cameras: tuple[str, ...] | None = None

@@ -153,13 +153,16 @@ class StreamApp(App[Ending]):
         crop = "as the camera" if view.crop is None else f"{view.crop:g}"
         size = "x".join(map(str, self._straightener.size))
         self.query_one("#view", Line).say(
-            f"straight at {view.depth:.3g} m, crop {crop}, scale {view.scale:.3g}, {size} px"
+            f"{self._straightener.describe_depth()}, crop {crop}, scale {view.scale:.3g}, {size} px"
         )
 
     def action_depth(self, steps: int) -> None:
         assert self._straightener
-        depth = self._straightener.requested.depth * DEPTH_FACTOR**steps
-        self._change({"depth": float(f"{depth:.4g}")})
+        depth = self._straightener.requested.depth
+        if depth is None:
+            self.tell("Each pixel has its own depth. --depth gives one to those that have none.")
+            return
+        self._change({"depth": float(f"{depth * DEPTH_FACTOR**steps:.4g}")})
 
     def action_crop(self) -> None:
         assert self._straightener

@@ -16,11 +16,28 @@ KEYBOARD_ONLY = (
     "Enter begins to record.",
     " → completes it.",
     ", or press space",
+    " Type --crop 0 for a picture with no black border.",
 )
 """Sentences that mean nothing without a keyboard."""
+COVER_COMMAND = re.compile(
+    r"\b(?:type|try) `calib fit [^`]*--cover ([a-z]+)`(?: or `--cover [a-z]+`)*"
+)
+"""Matches the command of a terminal that declares the shape of the cover."""
+SHAPE_WORDS = {"unknown": "the shape unknown"}
+"""The words on a page for the shapes of these commands: a page has a list of shapes."""
 NOT_KNOWN = "Touch 'not known' if you do not know."
+WRITTEN_UNKNOWN = ", or unknown"
+"""The end of a list of what a number may be; a page has a button for unknown."""
+TOUCHED_UNKNOWN = ", or touch 'not known'"
 FIELDS = {"source": "pictures from", "like (optional)": "copy settings from (optional)"}
 """The names of fields that a page explains more than a terminal has room for."""
+
+LABELS = {
+    "outside_index": "outside index: 1 in air, 1.333 in water",
+    "axis_offset_mm": "axis offset x, z (mm)",
+    "centre_mm": "centre x, y, z (mm)",
+}
+"""The labels of fields that say more than their names in sentences."""
 
 
 def name_buttons(text: str, labels: Mapping[str, str]) -> str:
@@ -33,7 +50,12 @@ def name_buttons(text: str, labels: Mapping[str, str]) -> str:
     for sentence in KEYBOARD_ONLY:
         text = text.replace(sentence, "")
     text = text.replace("? if you do not know.", NOT_KNOWN)
+    text = text.replace(WRITTEN_UNKNOWN, TOUCHED_UNKNOWN)
     text = text.replace("The set-up: ", "")
+    text = COVER_COMMAND.sub(
+        lambda match: f"choose {SHAPE_WORDS.get(match[1], 'its shape')} in the Set-up", text
+    )
+    text = re.sub(r"^source (?=is )", f"{readable_key('source')!r} ", text)
     text = re.sub(r"\b(in|correct) session\.yaml", r"\1 the Set-up", text)
     text = re.sub(r"\b(?:board|cover)\.([a-z_]+)", lambda match: readable_key(match[1]), text)
     pressed = re.sub(
@@ -52,8 +74,13 @@ def name_buttons(text: str, labels: Mapping[str, str]) -> str:
     )
 
 
+def readable_label(key: str) -> str:
+    """Return the label of a field: its name in words, or what it has to say about its values."""
+    return LABELS.get(key) or readable_key(key)
+
+
 def readable_key(key: str) -> str:
-    """Return the label of a field in words: "inner radius (mm)" for inner_radius_mm."""
+    """Return the name of a field in words: "inner radius (mm)" for inner_radius_mm."""
     if key in FIELDS:
         return FIELDS[key]
     words = re.sub("_(mm|m|px)$", r" (\1)", re.sub("_deg$", " (degrees)", key))

@@ -1,5 +1,5 @@
 """A page whose live picture can be shown undistorted: its action asks for a depth, a process makes
-the maps, and the same action ends it.
+the maps, and another action with the same key ends it.
 """
 
 from abc import abstractmethod
@@ -14,6 +14,7 @@ from capture.tui.live_undistortion import LiveUndistortion, make_undistortion
 from capture.tui.page import ChildReported, Page
 
 MESSAGE_S = 6.0  # s for which a message about the maps stays
+SHORT_MESSAGE_S = 2.0  # s, for one that the picture confirms
 
 
 class UndistortionPage(Page):
@@ -45,19 +46,32 @@ class UndistortionPage(Page):
     def show_undistortion(self) -> None:
         """Show the picture after `undistortion` has changed."""
 
+    @property
+    def is_making_maps(self) -> bool:
+        return self._maps is not None
+
+    @property
+    def is_undistorting(self) -> bool:
+        """True if the live picture is shown undistorted, or will be once its maps have come."""
+        return self.undistortion is not None or self.is_making_maps
+
     def action_straight(self) -> None:
-        """Show the live picture undistorted, or as it is."""
-        if self.undistortion or self._maps:
-            self._use(None)
-        elif place := self.calibration():
+        """Show the live picture undistorted."""
+        if place := self.calibration():
             depth = self._depth or propose_depth(place)
             self.app.push_screen(DepthScreen(f"{depth:g}"), self._make)
+
+    def action_as_it_is(self) -> None:
+        """Show the live picture as the camera takes it."""
+        self._use(None)
+        self.say("The picture is shown as it is.", SHORT_MESSAGE_S)
 
     def _make(self, depth: float | None) -> None:
         if depth is not None and (place := self.calibration()):
             self._depth = depth
             self._maps = Child(make_undistortion, place, depth)
             self.say(f"The maps for {depth:g} m are being computed.", MESSAGE_S)
+            self.refresh_bindings()
             self._listen_to(self._maps)
 
     @work(thread=True, group="straighten", description="makes maps")
@@ -88,7 +102,10 @@ class UndistortionPage(Page):
                 MESSAGE_S,
             )
             undistortion = None
+        elif undistortion:
+            self.say(f"Undistorted for {undistortion.depth:g} m.", MESSAGE_S)
         self.undistortion = undistortion
+        self.refresh_bindings()
         self.show_undistortion()
 
     def on_unmount(self) -> None:

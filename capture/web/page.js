@@ -1,4 +1,4 @@
-// The choice of the view: a narrow window in portrait gets the page for a thumb, any other window the terminal; two buttons switch between them.
+// The choice of the view: a phone, held upright or on its side as the page loads, gets the page for a thumb, any other window the terminal; two buttons switch between them.
 
 import {listen, send} from "./link.js";
 import {drawScreen, follow} from "./thumb.js";
@@ -10,7 +10,8 @@ const terminal = byId("terminal");
 const fits = Math.min(innerWidth / 80 / 0.61, innerHeight / 24 / 1.3); // the size of letters at which 80 columns and 24 rows fit
 terminal.dataset.fontSize = Math.max(6, Math.min(16, Math.floor(fits)));
 
-let thumb = matchMedia("(max-width: 600px) and (orientation: portrait)").matches;
+const UPRIGHT = "(max-width: 600px) and (orientation: portrait)", ON_ITS_SIDE = "(pointer: coarse) and (max-height: 520px) and (orientation: landscape)";
+let thumb = matchMedia(`${UPRIGHT}, ${ON_ITS_SIDE}`).matches;
 
 function show(asThumb) {
   thumb = asThumb;

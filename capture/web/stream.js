@@ -14,6 +14,8 @@ function show(state) {
       field.add(new Option(text, text));
     field.value = text;
   }
+  if (state.depth_image)
+    document.getElementById("depth-label").textContent = "depth where unknown, m";
   counts.textContent = state.counts;
   if (state.problem) problem.textContent = state.problem;
 }

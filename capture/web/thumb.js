@@ -11,8 +11,11 @@ const SMALLEST = 9; // px, the smallest readable letter
 const CALM_MS = 450; // ms for which buttons that have just come or moved take no touch: it was meant for what was there
 const SETTLE_MS = 300; // ms for a touch to end where it began: no widget may move under the finger
 const LONG = 200; // letters, from which on a sentence is a text to read and not a short call
+const CAPTION = "view"; // the text about the picture, which stands below it
+const DETAILS = "sentence"; // the text below the verdict of the results, which scrolls: the list of views needs its room
 const ONWARD = "onward"; // the buttons in words, which scroll with the text
-const SHORT = 480; // px, the height below which a keyboard is open: the header makes room
+const SHORT = 480, SHORT_ON_ITS_SIDE = 280; // px, the heights below which a keyboard is open: the header makes room
+const ON_ITS_SIDE = matchMedia("(min-width: 560px) and (max-height: 520px)"); // as in landscape.css
 const HELD_MS = 1000; // ms for the fields of another shape to come: then the form is as far down as before
 let held = {screen: "", place: 0, until: 0};
 let screen = "", focused = "";
@@ -39,8 +42,11 @@ export function drawScreen(said) {
   page.classList.toggle("results", screen.startsWith("Results"));
 
   const form = said.blocks.some((each) => each.kind === "field"); // its fields keep their places while somebody types
-  const calls = said.blocks.filter((each) => each.spoken && each.name !== ONWARD && (form || each.text.length <= LONG));
-  const kept = said.blocks.filter((each) => !calls.includes(each)).sort((one, other) => Boolean(other.spoken) - Boolean(one.spoken));
+  const read = page.classList.contains("results") ? [ONWARD, DETAILS] : [ONWARD];
+  const calls = said.blocks.filter((each) => each.spoken && !read.includes(each.name) && (form || each.text.length <= LONG));
+  const caption = said.pictures && said.blocks.find((each) => each.kind === "text" && each.name === CAPTION);
+  byId("caption").textContent = caption ? caption.text : "";
+  const kept = said.blocks.filter((each) => !calls.includes(each) && each !== caption).sort((one, other) => Boolean(other.spoken) - Boolean(one.spoken));
   arrange(kept);
   const news = kept.some((block, place) => block.spoken && main.children[place].textContent !== block.text);
   kept.forEach((block, place) => renew(main.children[place], block));
@@ -124,6 +130,7 @@ function drawKeys(keys) {
     const button = make("button", {type: "button", className: `${key.main ? "main" : ""} ${key.top ? "whole" : rest ? "half" : wide}`}, key.label);
     button.dataset.key = key.key;
     button.disabled = key.off;
+    if (key.pressed !== null) button.setAttribute("aria-pressed", String(key.pressed));
     button.onclick = () => { closeLists(); ask({press: key.key}); };
     return button;
   }));
@@ -228,7 +235,7 @@ function renewMap(box, block) {
 /** Return a font size at which the rows of a table fit; its other lines wrap. */
 function fitted(text) {
   const rows = text.split("\n").filter((row) => /\S {2}|[█░]/.test(row)).map((row) => row.trimEnd().length);
-  const size = (innerWidth - 26) / DENSE / Math.max(1, ...rows);
+  const size = (main.clientWidth - 26) / DENSE / Math.max(1, ...rows);
   return size < 12.5 ? `${Math.max(size, SMALLEST)}px` : "";
 }
 
@@ -279,7 +286,6 @@ function renew(box, block) {
     button.onclick = () => {
       ask({field: block.name, choose: place});
       if (block.kind === "choice") list.hidden = true;
-      else byId("picture").scrollIntoView({block: "nearest"}); // of the chosen view
     };
     return block.kind === "choice" ? make("li", {}, button) : button;
   });
@@ -315,7 +321,14 @@ export function follow() {
   });
   main.addEventListener("focusout", () => setTimeout(typing, SETTLE_MS));
   new ResizeObserver(keep).observe(main);
-  new ResizeObserver(() => page.style.setProperty("--verdict", `${dock.offsetHeight}px`)).observe(dock);
+  new ResizeObserver(() => {
+    page.style.setProperty("--dock", `${dock.offsetHeight}px`);
+    page.style.setProperty("--headline", `${dock.querySelector("[data-name=verdict]")?.offsetHeight ?? 0}px`);
+  }).observe(dock);
+  new ResizeObserver(() => page.style.setProperty("--files", `${byId("files").offsetHeight}px`)).observe(byId("files"));
+  ON_ITS_SIDE.addEventListener("change", () => {
+    for (const table of main.querySelectorAll("pre")) table.style.fontSize = fitted(table.textContent);
+  });
   for (const change of ["resize", "scroll"]) visualViewport?.addEventListener(change, fill);
   fill();
 }
@@ -325,5 +338,5 @@ function fill() {
   const {height, offsetTop} = visualViewport ?? {height: innerHeight, offsetTop: 0};
   page.style.setProperty("--height", `${height}px`);
   page.style.setProperty("--top", `${offsetTop}px`);
-  page.classList.toggle("short", height < SHORT);
+  page.classList.toggle("short", height < (ON_ITS_SIDE.matches ? SHORT_ON_ITS_SIDE : SHORT));
 }

@@ -392,6 +392,7 @@ def saved(dry: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The new calibration has sigma and maps like any other, and refuses uses that need views."""
     assert main(["immerse", str(saved), "--salinity", "35", "--depth", "0.5", "--json"]) == 0

@@ -230,7 +230,7 @@ def test_a_video_of_a_type_that_is_not_read_is_converted_first(
 ) -> None:
     video = tmp_path / "my film.h264"
     video.touch()
-    advice = f"convert it by ffmpeg -i '{video}' '{video.with_suffix('.mp4')}'\n"
+    advice = f"convert it by `ffmpeg -i '{video}' '{video.with_suffix('.mp4')}'`.\n"
     assert run(folder, video, "--depth", "0.5", "-o", tmp_path / "out") == 2
     assert capsys.readouterr().err.endswith(advice)
     assert main(["fit", str(video), "--board", "9x6", "--square-mm", "20"]) == 2
@@ -240,7 +240,7 @@ def test_a_video_of_a_type_that_is_not_read_is_converted_first(
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"no video", "holds no frame that can be decoded: replace it, or convert it by ffmpeg"),
+        (b"no video", "holds no frame that can be decoded: replace it, or convert it by `ffmpeg"),
         (None, "No such file"),
     ],
 )

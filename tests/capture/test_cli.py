@@ -73,12 +73,13 @@ def test_record_keeps_each_pose_once_and_says_so(still_poses: Path, tmp_path: Pa
     )
     assert done.returncode == 0, done.stderr
     assert [pose_of(picture) for picture in read_pictures(session / "frames")] == list(POSES)
-    *lines, summary = done.stdout.splitlines()
+    *lines, summary, next_step = done.stdout.splitlines()
     assert lines == [
         f"{session}/frames/{row['file']}  view {int(row['view']) + 1} of 30"
         for row in read_table(session / "frames.csv")
     ]
     assert summary == f"4 views with 4 pictures (16 frames taken) in {session}."
+    assert next_step == f"Next: calib fit {session}"
     sentences = done.stderr.splitlines()
     assert (
         f"Wrote {session}/session.yaml with cover.shape cone: correct it there if the camera's"
@@ -477,8 +478,12 @@ def test_the_screen_needs_a_terminal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A word that is not the name of a command is a session. pytest has no terminal."""
-    assert main([str(tmp_path / "show")]) == 2
-    assert "There is no terminal" in capsys.readouterr().err
+    folder = tmp_path / "show"
+    assert main([str(folder)]) == 2
+    assert (
+        f"This is not a terminal: run `capture {folder}` in one, or record without a screen:"
+        f" `capture record {folder} --source SOURCE`."
+    ) in capsys.readouterr().err
     monkeypatch.setenv("TERM", "dumb")
     for stream in (sys.stdin, sys.stdout):
         monkeypatch.setattr(stream, "isatty", lambda: True)
@@ -541,6 +546,6 @@ def test_a_finished_calibration_is_no_folder_to_record_into(
     assert sentence in capsys.readouterr().err
     (folder.parent / "session.yaml").write_text("")
     assert main([*arguments, "--board", "9x6"]) == 2
-    go_on = f"not pictures: go on with its session: capture '{folder.parent}'"
+    go_on = f"not pictures: go on with its session: `capture '{folder.parent}'`"
     assert go_on in capsys.readouterr().err
     assert {path.name for path in folder.iterdir()} == results

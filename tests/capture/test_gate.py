@@ -142,7 +142,7 @@ def test_a_covered_board_is_to_be_uncovered(view: str) -> None:
 @each_view
 def test_another_board_is_not_taken_for_a_part_of_it(view: str) -> None:
     assert sentence(picture(view), Board(9, 6, 0.02)) == WRONG_BOARD
-    assert "show the session's board" in WRONG_BOARD
+    assert "show that board" in WRONG_BOARD
 
 
 @each_view

@@ -232,7 +232,7 @@ def test_bare_that_is_a_session_of_its_own_is_refused(tmp_path: Path) -> None:
     keep(tmp_path / "bare", PICTURES[:1])
     with pytest.raises(
         InputError,
-        match=r"is a session of its own: record into it by capture record .*/bare, without --bare",
+        match=r"session of its own: record into it by `capture record .*/bare`, without --bare",
     ):
         keep(tmp_path, PICTURES[1:2], bare=True)
 

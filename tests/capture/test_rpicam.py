@@ -14,13 +14,19 @@ from calib.session.shutter import Shutter
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.reader import Reader
+from capture.rig.rig_reader import RigReader
+from capture.rig.rig_sources import open_sources
 from capture.session_file import read_setup
+from capture.sources import rpicam
 from capture.sources.registry import SCHEMES, open_source
 from tests.capture.recordings import capture, noise, read_pictures
 
 STAND_IN = """#!{python} -S
 import pathlib, signal, sys, time
 here = pathlib.Path(__file__).parent
+if sys.argv[1:] == ["--help"]:
+    print((here / "help").read_text() if (here / "help").exists() else "--camera arg")
+    sys.exit(0)
 script = (here / "script").read_text().split()
 (here / "arguments").write_text(" ".join(sys.argv[1:]))
 option = dict(zip(sys.argv[1:], sys.argv[2:]))
@@ -35,7 +41,11 @@ for at in range(0, len(grey), width * height):
     rows = [grey[at + y * width : at + (y + 1) * width] + bytes([170]) * (stride - width) for y in range(height)]
     frames.append(b"".join(rows) + bytes([85]) * (2 * (stride // 2) * (height // 2)))
 for word in script:
-    if word.isdecimal():
+    if word == "synchronise":  # a client waits for the server, as the real program does
+        (here / option["--sync"]).touch()
+        while not (here / "server").exists() or not (here / "client").exists():
+            time.sleep(0.01)
+    elif word.isdecimal():
         print("#%s (10.00 fps) exp 7998.00 ag 1.12 dg 1.00" % word, file=sys.stderr, flush=True)
         time.sleep(0.02)
         sys.stdout.buffer.write(frames[int(word)])
@@ -233,6 +243,61 @@ def test_a_recording_through_the_command(program: Path, tmp_path: Path) -> None:
     assert 1 <= len(recorded) <= 3
     assert all(any(np.array_equal(picture, p) for p in PICTURES) for picture in recorded)
     assert "Safe in" in done.stderr
+
+
+RIG = [
+    f"{name}=rpicam:{number}?size={WIDTH}x{HEIGHT}&fps=20"
+    for number, name in enumerate(("left", "right"))
+]
+
+
+def test_the_cameras_of_a_rig_wait_for_each_other(program: Path) -> None:
+    """Both must be open before one has a picture."""
+    (program / "help").write_text("  --sync arg (=off)   server or client\n")
+    (program / "script").write_text("synchronise 0 1 2")
+    with RigReader(open_sources(RIG)) as reader:
+        moments = list(reader)
+    assert moments
+    remarks = [" ".join(source.remarks) for source in reader.sources.values()]
+    assert "its frames set the time" in remarks[0]
+    assert "begin when those of the camera with sync=server do" in remarks[1]
+
+
+def test_a_synchronised_camera_of_unknown_sensor_gives_pictures(
+    program: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Versions of the program may name it in other words: the wait for the name ends."""
+    monkeypatch.setattr(rpicam, "NAME_TIMEOUT", 0.3)
+    text = (program / "rpicam-vid").read_text()
+    (program / "rpicam-vid").write_text(text.replace("Selected sensor format", "Chosen format"))
+    (program / "script").write_text("0 1 hang")
+    with open_source(f"{SOURCE}&sync=server") as source:
+        assert source.shutter is None
+        assert same([next(iter(source))], PICTURES[:1])
+
+
+@pytest.mark.parametrize(
+    ("help_text", "options"),
+    [("--camera arg", ("", "")), ("--sync arg", ("&fps=10", "&fps=20"))],
+)
+def test_cameras_that_cannot_be_synchronised_run_freely(
+    program: Path, help_text: str, options: tuple[str, str]
+) -> None:
+    (program / "help").write_text(help_text)
+    texts = [
+        f"{name}=rpicam:{number}?size={WIDTH}x{HEIGHT}{option}"
+        for number, (name, option) in enumerate(zip(("left", "right"), options, strict=True))
+    ]
+    assert not any(source.remarks for source in open_sources(texts).values())
+
+
+def test_a_client_without_a_server_says_what_it_waits_for(program: Path) -> None:
+    (program / "script").write_text("fail")
+    with (
+        pytest.raises(CaptureError, match="waits for a camera of which the source says sync=serv"),
+        open_source(f"{SOURCE}&sync=client") as source,
+    ):
+        list(source)
 
 
 def test_cameras_are_listed_with_their_modes(program: Path) -> None:

@@ -213,7 +213,11 @@ def test_a_truncated_video_gives_its_complete_frames_and_an_error(tmp_path: Path
     [
         ("folder:{}/none", InputError, "none cannot be listed (No such file or directory)"),
         (f"folder:{300 * 'a'}", InputError, "cannot be read (File name too long)"),
-        ("folder:{}", InputError, "has no pictures: name a session, or a folder of png"),
+        (
+            "folder:{}",
+            InputError,
+            "has no pictures that are read: name a session, or a folder of png",
+        ),
         ("folder:{}/deep", InputError, "has 16 bits a pixel"),
         ("video:{}/none.mp4", InputError, "none.mp4 cannot be read (No such file or directory)"),
         ("video:{}/plain", InputError, "plain is not a video that can be read"),

@@ -242,13 +242,14 @@ def test_another_mode_in_the_folder_one_is_in(
         "cover: {shape: none}\n"
     )
     monkeypatch.chdir(tmp_path)
+    size = "--source 'SOURCE?size=3280x2464'"
     assert main(["check", str(saved), "."]) == 5
-    assert f"Next: capture {tmp_path}-again" in capsys.readouterr().out
+    assert f"Next: capture {tmp_path}-again {size}" in capsys.readouterr().out
     assert main(["check", str(saved), "frames/a.png"]) == 5
-    assert f"Next: capture {tmp_path}-again" in capsys.readouterr().out
+    assert f"Next: capture {tmp_path}-again {size}" in capsys.readouterr().out
     (tmp_path / "session.yaml").unlink()
     assert main(["check", str(saved), "frames/a.png"]) == 5
-    assert "Next: capture frames-again" in capsys.readouterr().out, "no fit of one picture"
+    assert f"Next: capture frames-again {size}" in capsys.readouterr().out, "no fit of one picture"
 
 
 def test_a_valid_check_prints_no_alarm() -> None:
@@ -270,6 +271,9 @@ def test_a_valid_check_says_why_a_large_error_is_allowed() -> None:
         alike = replace(statistics, error_px=error, statistic=statistic)
         lines = "\n".join(result_lines(CheckResult(CheckStatus.VALID, alike, (), ())))
         assert "typical" not in lines
+    larger = replace(statistics, error_px=0.12, statistic=4.0)
+    alarm = "\n".join(result_lines(CheckResult(CheckStatus.DEGRADED, larger, (), ())))
+    assert "is 0.120 px, but 0.200 px in a typical one; 0.100 px are expected" in alarm
 
 
 @pytest.mark.parametrize(("name", "is_named"), [("unknown", False), ("board_scale", True)])
@@ -284,10 +288,10 @@ def test_what_has_no_name_is_recorded_anew(name: str, is_named: bool, tmp_path: 
     pictures = [folder / f"{number}.png" for number in range(4)]
     for picture in pictures:
         picture.touch()
-    command = next_command(result, tmp_path / "out", [folder], updated=False)
+    command = next_command(result, tmp_path / "out", [folder], updated=False, size=(9, 9))
     expected = f"calib report {tmp_path}/out" if is_named else f"calib fit {folder}"
     assert command == expected
-    proposal = next_command(result, tmp_path / "out", pictures[:3], updated=False)
+    proposal = next_command(result, tmp_path / "out", pictures[:3], updated=False, size=(9, 9))
     assert proposal == (expected if is_named else f"capture {tmp_path}/new-again"), (
         "no fit of so few"
     )

@@ -52,6 +52,6 @@ def test_a_change_that_leaves_most_of_a_large_error_explains_nothing(
 def test_the_advice_on_another_medium_is_a_whole_command() -> None:
     parser = _parser("calib", "", cli.COMMANDS, cli.GROUPS)
     for words in IMMERSED.values():
-        command = re.search("calib (immerse .*), with", words)
+        command = re.search("`calib (immerse .*)`, with", words)
         assert command
         parser.parse_args(command[1].split())

@@ -50,7 +50,7 @@ def test_pictures_in_the_other_medium_are_told(
     medium, index = ("in air", "1") if immersed else ("under water", "1.333")
     printed = capsys.readouterr().out
     assert f"taken {medium}" in printed
-    assert f"calib immerse CALIBRATION --outside-index {index}, with" in printed
+    assert f"calib immerse CALIBRATION --outside-index {index}`, with" in printed
 
 
 def test_three_pictures_under_water_determine_what_air_could_not(pool: Path) -> None:

@@ -48,6 +48,8 @@ def test_free_estimates_numbers_near_what_the_session_states(
         "camera.cy",
         "cover.thickness",
     ]
+    assert "\ncamera alone: the lens as given or as first estimated, with no" in printed
+    assert "\nfitted cover: lens and cover as fitted, with uneven glass if" in printed
 
 
 @pytest.mark.slow

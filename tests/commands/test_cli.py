@@ -104,11 +104,11 @@ def test_a_fit_ends_with_the_next_command(
     output = capsys.readouterr().out
     assert "fitted cover" in output
     assert "cover+rbf" not in output
-    *_, following, first, second, third, note = output.splitlines()
+    *_, test, following, second, third, note = output.splitlines()
     assert note == HOLDOUT_NOTE
     undistort = shlex.split(following.removeprefix("Next: "))
-    evaluate = shlex.split(first.removeprefix("Then: "))
-    diagnose, export = shlex.split(second), shlex.split(third)
+    evaluate = shlex.split(test.removeprefix("Test: "))
+    diagnose, export = shlex.split(second.removeprefix("Then: ")), shlex.split(third)
     assert evaluate == ["calib", "evaluate", str(tmp_path), "HOLDOUT"]
     assert diagnose == ["calib", "diagnose", str(tmp_path)]
     assert main(undistort[1:]) == 0
@@ -154,7 +154,7 @@ def test_a_trusted_fit_names_an_export_command_that_works(
         tmp_path / "my session", scene(11, views=24, noise=0.05, depths=(0.35, 1.2))
     )
     assert main(["fit", str(folder), "--grid", "5x5"]) == 0
-    *_, word, last, _, _, _ = capsys.readouterr().out.splitlines()
+    *_, word, _, last, _, _ = capsys.readouterr().out.splitlines()
     assert word == "You can trust this calibration where the board was in the picture."
     program, *arguments = shlex.split(last.removeprefix("Next: "))
     assert program == "calib"
@@ -333,7 +333,7 @@ def test_undistort_refuses_existing_outputs_and_pictures_of_another_size(
         ([str(tmp_path / "b.jpg.bak"), "-o", str(tmp_path / "out")], "one of .png, .jpg"),
         (
             [str(tmp_path / "a.gif"), "-o", str(tmp_path / "out")],
-            "a.gif is neither a picture nor a video by its name",
+            "a.gif is of a type that is not read: convert them, such as by `mogrify",
         ),
     ):
         (tmp_path / "empty").mkdir(exist_ok=True)

@@ -85,7 +85,7 @@ def test_the_wall_is_straight(demo: Run) -> None:
     readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     assert f"bent by {bent:.0f} px, then straight to {straight:.2f} px" in readme
     assert bent > 10  # 19.8 px
-    assert straight < 0.3  # 0.15 px: the noise of single pixels
+    assert straight < 0.3  # 0.16 px: the noise of single pixels
 
 
 def test_the_stream_of_the_tutorial_is_straight(

@@ -27,7 +27,6 @@ from calib.progress import Silent
 from calib.session.board import Board
 from calib.session.schema import Number
 from calib.session.session import Session, read_session
-from calib.session.shapes.registry import find_shape, shape_names
 from tests.corners import test_other_makers
 from tests.importing import recordings
 
@@ -71,6 +70,7 @@ def test_a_folder_is_calibrated_and_is_a_session_afterwards(
     assert main(["fit", str(photos), *BOARD]) == 0
     output = capsys.readouterr()
     assert "Error (root mean square)" in output.out
+    assert f"Wrote {photos / 'session.yaml'}\n" in output.out
     assert "Behind glass or plastic add --cover" in output.err
     assert "--index" not in output.err
     session = read_session(photos)
@@ -80,6 +80,7 @@ def test_a_folder_is_calibrated_and_is_a_session_afterwards(
     output = capsys.readouterr()
     assert output.err == ""
     assert "Error (root" not in output.out
+    assert "session.yaml" not in output.out
     assert {path.name for path in (photos / "calibration").glob("map_*.npz")} == {
         "map_0.5m.npz",
         "map_1m.npz",
@@ -208,7 +209,8 @@ def test_strays_and_copies_of_a_folder_are_named_by_the_fit(
     assert read_session(photos).camera.width == 640
     printed = capsys.readouterr().out
     assert "8 views with" in printed
-    for words in ("a first.png: is 641x480 px", "a copy of shot 3", "IMG_1.HEIC: its type"):
+    copy = "shot 3 copy.png: a copy of shot 3.png"
+    for words in ("a first.png: 641x480 px", copy, "IMG_1.HEIC: its type"):
         assert words in printed
 
 
@@ -268,11 +270,11 @@ def test_the_pictures_say_how_a_board_is_numbered_and_printed(
     assert other_sheet == test_other_makers.CHARUCO, "what a person states is not replaced"
     # what is left out is looked for
     with pytest.raises(
-        InputError, match="--board says 7x5: type calib fit coded --board 6x4 --type"
+        InputError, match="--board says 7x5: type `calib fit coded --board 6x4 --type"
     ) as e:
         described("coded", *CODED, "--board", "7x5")
     layout = "--dictionary DICT_4X4_250 --first-marker 100 --inverted"
-    assert str(e.value).endswith(f"--square-mm 30 --marker-mm 22.5 {layout}.")
+    assert str(e.value).endswith(f"--square-mm 30 --marker-mm 22.5 {layout}`.")
 
 
 def test_an_aprilgrid_of_another_maker_is_described_by_options(
@@ -292,7 +294,7 @@ def test_the_side_of_a_tag_is_not_that_of_a_square(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_coded("as OpenCV draws tags")
-    says = r"The side of a tag is --tag-mm: type calib fit coded .* --tag-mm 33 --spacing 0\.25"
+    says = r"The side of a tag is --tag-mm: type `calib fit coded .* --tag-mm 33 --spacing 0\.25"
     with pytest.raises(InputError, match=says):
         described("coded", "--square-mm", "33")
     with pytest.raises(InputError, match="how large its tags are: measure one"):
@@ -351,7 +353,7 @@ def test_a_board_that_is_not_described_is_looked_for(
     with pytest.raises(InputError, match="Found a checkerboard of 7x6 inner corners") as caught:
         described(str(path))
     assert not path.with_suffix("").joinpath("session.yaml").exists()
-    command = re.search(r"(calib fit .*--square-mm) MM\.$", str(caught.value))
+    command = re.search(r"`(calib fit .*--square-mm) MM`\.$", str(caught.value))
     assert command
     assert described(str(path), "--square-mm", "30").board == Board(7, 6, 0.03)
     assert "Found a checkerboard of 7x6 inner corners" in capsys.readouterr().err
@@ -363,11 +365,12 @@ def test_a_board_that_is_not_described_is_looked_for(
     [
         (3, 3, 12, "all 3 pictures that were searched (there are 12)"),
         (2, 3, 12, "2 of the 3 pictures that were searched (there are 12)"),
+        (3, 5, None, "3 of 5 frames"),
         (2, 3, 3, "2 of 3 pictures"),
     ],
 )
 def test_the_pictures_with_the_board_are_counted(
-    pictures: int, searched: int, count: int, words: str
+    pictures: int, searched: int, count: int | None, words: str
 ) -> None:
     finding = FoundBoard(Board(7, 6, 1.0), pictures, searched)
     assert describe_search(finding, count) == words
@@ -421,28 +424,37 @@ def test_pictures_in_a_folder_that_cannot_be_written_become_a_session_of_the_out
     ("words", "says"),
     [
         (["nowhere"], "nowhere is not a folder, a picture or a video that exists"),
-        (["data"], "(cam0/data), such as calib fit data/cam0/data --board 9x6"),
-        (["/dev/video0"], "record some by capture SESSION --source v4l2:/dev/video0"),
-        (["made/session.yaml"], "describes a session: calib fit made calibrates it"),
-        (["empty"], "has no session.yaml and no pictures: record some by capture empty"),
-        (["phone"], "IMG_1.HEIC: convert them, such as by mogrify -format png phone/*.HEIC"),
-        (["card"], "(100, 101), such as calib fit card/100 --board 9x6 --square-mm 25"),
-        (["several"], "(a/frames, b/0, c/0 and 1 more), such as calib fit several/a"),
+        (["data"], "(cam0/data), such as `calib fit data/cam0/data --board 9x6"),
+        (["/dev/video0"], "record some by `capture SESSION --source v4l2:/dev/video0`"),
+        (["made/session.yaml"], "describes a session: `calib fit made` calibrates it"),
+        (["empty"], "has no session.yaml and no pictures: record some by `capture empty`"),
+        (["phone"], "IMG_1.HEIC: convert them, such as by `mogrify -format png phone/*.HEIC`"),
+        (["phone/IMG_1.HEIC"], "not read: convert them, such as by `mogrify -format png phone/"),
+        (["phone/*"], "No picture matches phone/*, only files that are not read as pictures, such"),
+        (["my photos/*.PNG"], "but 8 files end in .png: give 'my photos/*.png'."),
+        (["card"], "(100, 101), such as `calib fit card/100 --board 9x6 --square-mm 25"),
+        (["card"], "If one camera took all of them, give 'card/**/*'."),
+        (["several"], "(a/frames, b/0, c/0 and 1 more), such as `calib fit several/a"),
         (["none/*.jpg"], "No picture matches none/*.jpg"),
         (
             ["https://a.org/film.mp4"],
             "film.mp4 is an address: download the file",
         ),
-        (["pair"], "it is a rig, which calib rig fit pair calibrates"),
-        (["pair/rig.yaml"], "describes a rig: calib rig fit pair/rig.yaml calibrates"),
+        (["pair"], "it is a rig, which `calib rig fit pair` calibrates"),
+        (["pair/rig.yaml"], "describes a rig: `calib rig fit pair/rig.yaml` calibrates"),
         (["other name", *BOARD], "other name/Session.yml is not read under that name"),
         (["my photos", "--board", "7x6", "--square-mm", "2.5cm"], "write 25, in millimetres"),
+        (["my photos", "--square-mm", "unknown"], "show it: measure ten squares, and divide"),
+        (
+            ["my photos", "--square-mm", "25+-1"],
+            "such as 25. An uncertainty stands in session.yaml",
+        ),
         (["my photos", *BOARD, "--depth", "50cm"], "'50cm' is not a depth: write 0.5, in metres"),
         (["my photos", *BOARD, "--grid", "8x8", "9"], "9 is too much: the option in front"),
         (["text.txt", *BOARD], "text.txt is neither a picture nor a video"),
         (["text.avi", *BOARD], "text.avi is not a video that can be read"),
         (["text.avi", "my photos"], "calib fit text.avi --board 9x6 --square-mm 25"),
-        (["films"], "calib fit films/a.mp4 --board 9x6 --square-mm 25 makes a session of it"),
+        (["films"], "`calib fit films/a.mp4 --board 9x6 --square-mm 25` makes a session of it"),
         (
             ["my photos", "--board", "7x6"],
             "belong together: add --square-mm MM, the side of a square",
@@ -456,7 +468,7 @@ def test_pictures_in_a_folder_that_cannot_be_written_become_a_session_of_the_out
             ["my photos", *BOARD, "--cover", "dome", "--radius", "0.05+-0.01"],
             "0.05 m, if metres were meant, is 50",
         ),
-        (["my photos", *BOARD, "--type", "charuco"], "--type says charuco: type calib fit"),
+        (["my photos", *BOARD, "--type", "charuco"], "--type says charuco: type `calib fit"),
         (["my photos", *BOARD, "--intrinsics", "1,2"], "such as 1200,1200,640,360"),
         (["taken.avi", *BOARD], "calib import video taken.avi --board 9x6 --square-mm 25 -o NEW"),
     ],
@@ -498,7 +510,9 @@ def test_the_frames_of_a_session_are_known_from_within(
     shutil.copytree(photos, "s/frames")
     Path("s/session.yaml").touch()
     monkeypatch.chdir("s/frames")
-    with pytest.raises(InputError, match=r"^\. belongs to the session \.\.: type calib fit \.\.,"):
+    with pytest.raises(
+        InputError, match=r"^\. belongs to the session \.\.: type `calib fit \.\.`,"
+    ):
         described(".", *BOARD)
 
 
@@ -516,7 +530,7 @@ def test_pictures_without_a_board_are_said_to_have_none(
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((240, 320), 90 + number, np.uint8))
     assert main(["fit", str(tmp_path)]) == 2
     message = capsys.readouterr().err
-    assert "no board was found in 3 pictures of it: describe it by calib fit" in message
+    assert "no board was found in 3 pictures of it: describe it by `calib fit" in message
 
 
 def test_a_number_that_is_none_is_refused_as_it_is_read(capsys: pytest.CaptureFixture[str]) -> None:
@@ -540,58 +554,12 @@ def test_a_material_in_place_of_its_index_is_said_to_have_a_number(
     assert "'water' is not a number: write 1.333, its refractive index" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("shape", shape_names())
-def test_init_writes_a_session_that_is_read(shape: str, tmp_path: Path) -> None:
-    folder = recordings.write_pictures(tmp_path / "s")
-    words = ["init", str(folder), *BOARD, "--cover", shape, "--intrinsics", "520,525,322,238"]
-    example = find_shape(shape).example
-    for kind in find_shape(shape).keys:
-        if kind.quantity.key in example:
-            value = example[kind.quantity.key]
-            words.append(f"--{kind.option}={str(value).strip('[]')}")
-    assert main(words) == 0
-    session = read_session(folder)
-    assert session.cover.shape == shape
-    assert (session.camera.width, session.camera.height) == recordings.SIZE
-    text = (folder / "session.yaml").read_text()
-    for kind in find_shape(shape).keys:
-        first = kind.explanation.split()[0]
-        assert kind.quantity.key not in example or f"# {first}" in text
-
-
-def test_the_examples_of_init_can_be_used(tmp_path: Path) -> None:
-    """Each commented section, put in the place of the one that it is an example for."""
-    folder = tmp_path / "s"
-    assert main(["init", str(folder)]) == 0
-    file = folder / "session.yaml"
-    text = file.read_text()
-    recordings.write_pictures(folder / "frames")
-    read_session(folder)
-    lens = "  # intrinsics:"
-    assert lens in text
-    text = text.replace(lens, "  intrinsics:")
-    head, *covers = re.split(r"^# cover:$", text, flags=re.MULTILINE)
-    shapes = set()
-    for cover in covers:
-        body = re.sub(r"^# ?", "", cover, flags=re.MULTILINE)
-        file.write_text(head.replace("cover:\n  shape: none", f"cover:\n{body}"))
-        shapes.add(read_session(folder).cover.shape)
-    assert shapes == {*shape_names()} - {"none"}
-    boards = re.findall(r"^# (board: .*)$", text, flags=re.MULTILINE)
-    for board in boards:
-        section = re.compile(r"^board:\n(  .*\n)+", re.MULTILINE)
-        file.write_text(section.sub(f"{board}\n", head))
-        assert read_session(folder).board.coding
-    assert len(boards) == 3
-    assert main(["init", str(folder)]) == 2
-
-
 def test_the_suggested_command_keeps_what_was_typed(photos: Path) -> None:
     typed = ("--cover", "dome", "--radius", "50+-0.3", "--centre", "0,0,?", "--folds", "3")
     with pytest.raises(InputError) as refused:
         described(str(photos), *typed)
     _, _, command = str(refused.value).partition("and type ")
-    words = [*shlex.split(command.removesuffix(" MM.")), "25"]
+    words = [*shlex.split(command.strip("`.").removesuffix(" MM")), "25"]
     assert words[:3] == ["calib", "fit", str(photos)]
     assert words[3 : 3 + len(typed)] == list(typed)
     session = described(*words[2:])

@@ -4,15 +4,25 @@ import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from calib.cli import main
+from calib.corners.view import View
 from calib.errors import InputError
+from calib.importing.session_draft import SessionDraft, write_session
 from calib.io.folder_lock import lock_folder
 from calib.session.board import Board
+from calib.session.camera import Camera
+from calib.session.point_target import PointTarget
 from calib.session.schema import Number
+from calib.session.shutter import Shutter
+from capture.screen.points_session import PointsSession
+from capture.session_file import write_setup
 from tests.commands.test_described_session import BOARD, described
+from tests.importing import recordings
 from tests.session.malformed import WITH_CORNERS, write_good_session
+from tests.session.test_points_file import write
 
 
 def test_a_description_is_corrected_until_a_person_changed_it(photos: Path) -> None:
@@ -20,7 +30,9 @@ def test_a_description_is_corrected_until_a_person_changed_it(photos: Path) -> N
     assert described(str(photos), *BOARD).board == Board(7, 6, 0.025)
     file = photos / "session.yaml"
     file.write_text(file.read_text() + "# mine\n")
-    with pytest.raises(InputError, match="has changed since calib wrote it: write there what"):
+    with pytest.raises(
+        InputError, match=r"is yours .*: set board there, or leave out --board and --square-mm\."
+    ):
         described(str(photos), *BOARD)
     assert described(str(photos)).board == Board(7, 6, 0.025)
     assert file.read_text().endswith("# mine\n")
@@ -32,8 +44,12 @@ def test_the_session_of_a_person_is_edited_and_not_made_anew(tmp_path: Path) -> 
     file = tmp_path / "session.yaml"
     file.write_text(WITH_CORNERS)
     shutil.rmtree(tmp_path / "frames")
-    with pytest.raises(InputError, match=r"session\.yaml is not calib's own: write there what the"):
+    with pytest.raises(
+        InputError, match=r"session\.yaml is yours .*: set cover there, or leave out --"
+    ):
         described(str(tmp_path), "--cover", "unknown")
+    with pytest.raises(InputError, match=r"inner_radius_mm is -3: write a number from"):
+        described(str(tmp_path), "--cover", "dome", "--radius", "-3")
     assert file.read_text() == WITH_CORNERS
 
 
@@ -64,6 +80,48 @@ def test_options_that_are_left_out_stay_as_an_earlier_command_wrote_them(
     assert flat.cover.medium == first.cover.medium
     assert flat.cover.parameters["thickness"].value == 0.003
     assert described(str(photos), "--cover", "none").cover.shape == "none"
+
+
+def test_options_change_what_capture_wrote(photos: Path, tmp_path: Path) -> None:
+    """Keys that no option mentions stay, such as the shutter."""
+    session = tmp_path / "recorded"
+    shutil.copytree(photos, session / "frames")
+    write_setup(
+        session, Board(7, 6, 0.025), recordings.SIZE, None, Shutter(rolling=True, readout=0.02)
+    )
+    domed = described(str(session), "--cover", "dome", "--radius", "40+-30")
+    assert domed.cover.parameters["inner_radius"] == Number(0.04, 0.03)
+    assert domed.board == Board(7, 6, 0.025)
+    assert domed.camera.shutter == Shutter(rolling=True, readout=0.02)
+    assert domed.camera.intrinsics
+    assert domed.camera.intrinsics.fx.unknown
+    file = session / "session.yaml"
+    file.write_text(file.read_text().replace("columns: 7", "columns: 8"))
+    with pytest.raises(InputError, match="is yours"):
+        described(str(session), "--cover", "none")
+
+
+def test_options_change_the_cover_of_imported_corners(tmp_path: Path) -> None:
+    """The corners stay the source of the fit."""
+    folder = tmp_path / "imported"
+    board = Board(4, 3, 0.02)
+    view = View("a", 100 + 5000 * board.points()[:, :2], np.ones(board.count))
+    write_session(SessionDraft(tmp_path / "c.vnl", board, Camera(640, 480), (view,)), folder)
+    windowed = described(str(folder), "--cover", "flat", "--distance", "20")
+    assert windowed.cover.shape == "flat"
+    assert windowed.corners == folder / "corners.vnl"
+
+
+def test_options_change_the_cover_of_points(tmp_path: Path) -> None:
+    """Their target stays, and has no board to be described."""
+    write(tmp_path)
+    (tmp_path / "session.yaml").unlink()
+    PointsSession(tmp_path).describe((640, 480), Number(0.3e-3, 1e-6), None)
+    domed = described(str(tmp_path), "--cover", "dome", "--radius", "40")
+    assert isinstance(domed.board, PointTarget)
+    assert domed.cover.shape == "dome"
+    with pytest.raises(InputError, match=r"has a target of points, .* leave out --board"):
+        described(str(tmp_path), *BOARD)
 
 
 def test_a_failed_fit_names_the_description_that_remains(

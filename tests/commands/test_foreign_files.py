@@ -357,7 +357,7 @@ def test_a_recording_keeps_every_file_that_it_did_not_make(inputs: Path, out: Pa
     final = contents(out)
     assert {name: final[name] for name in initial} == initial
     assert final.keys() - initial.keys() == {
-        *("frames.csv", "session.yaml", ".recording", "frames/0.png", "frames/1.png")
+        *("frames.csv", "session.yaml", LEDGER, ".recording", "frames/0.png", "frames/1.png")
     }
 
 

@@ -55,6 +55,7 @@ def test_the_help_explains_the_common_options_and_names_the_others(
     short, full = texts
     assert len(short.splitlines()) <= LINES
     assert max(map(len, short.splitlines())) <= 80
+    assert "\n  general:  " in short
     options = set(re.findall(r"^  (?:-\w(?: \S+)?, )?(--[a-z-]+)", full, re.MULTILINE))
     named = set(re.findall(r"(?<![\w-])(--[a-z-]+)", short)) | {"--output"}
     assert len(options) > 20
@@ -81,6 +82,12 @@ def test_a_help_fits_on_a_screen(
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= LINES
     assert max(map(len, lines)) <= 80
+    assert [line.split(maxsplit=2)[1:] for line in lines if line.startswith("  -h,")] == [
+        ["--help", "show this help and exit"]
+    ]
+    assert not [line for line in lines if re.search(r"--[a-z-]*-$", line)], "options stay whole"
+    has_common_options = "common options:" in lines
+    assert not has_common_options or lines[0].endswith(" [options]")
 
 
 def test_the_short_help_names_every_effect_and_every_format(

@@ -115,7 +115,9 @@ def test_a_stopped_import_leaves_nothing(tmp_path: Path, number: int) -> None:
     for name in ("0", "1"):
         cv2.imwrite(str(tmp_path / "photos" / f"{name}.png"), np.full((48, 64), 99, np.uint8))
     code = (
-        "import os, sys, calib.importing.session_draft as draft; from calib.cli import main;"
+        "import os, signal, sys, calib.importing.session_draft as draft;"
+        f"signal.signal({int(number)}, signal.SIG_DFL);"  # under nohup, a hangup is ignored
+        "from calib.cli import main;"
         f"draft._fill = lambda *_: os.kill(os.getpid(), {int(number)});"
         "sys.exit(main(sys.argv[1:]))"
     )
@@ -190,6 +192,20 @@ def test_a_bug_is_one_sentence_and_exit_code_1(
     err = capsys.readouterr().err
     assert "this is a bug in calib (ZeroDivisionError: by design)" in err
     assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(("module", "code"), [("cv2", 2), ("calib.lost", 1)])
+def test_a_python_without_the_packages_says_what_to_do(
+    module: str, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(_: Path) -> None:
+        raise ModuleNotFoundError(f"No module named {module!r}", name=module)
+
+    monkeypatch.setattr("calib.session.session.read_session", broken)
+    assert main(["fit", "fixtures/clean"]) == code
+    err = capsys.readouterr().err
+    assert ("has no package cv2: activate the environment" in err) == (code == 2)
+    assert ("this is a bug" in err) == (code == 1)
 
 
 def test_help_loads_no_slow_library() -> None:

@@ -75,7 +75,7 @@ def test_sigma_is_for_every_shape_that_fits(
     calibration = Calibration.load(photos / "calibration")
     assert {"none", "dome"} <= {*calibration.outcome.probable_shapes}
     fx = next(n for n in comparisons(calibration) if n.name == "camera.fx")
-    assert fx.of_any_shape
+    assert fx.alternatives
     assert abs(fx.estimate - 639.59) < 2.5 * fx.sigma
     assert fx.sigma < 10
     printed = " ".join(capsys.readouterr().out.split())

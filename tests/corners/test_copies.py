@@ -28,6 +28,23 @@ def test_a_picture_that_is_there_again_counts_once() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("names", "original"),
+    [
+        (["IMG_1 (1).jpg", "IMG_1.jpg"], "IMG_1.jpg"),
+        (["IMG_1.jpg", "IMG_1 - Copy.jpg", "IMG_1_resaved.png"], "IMG_1.jpg"),
+        (["a.png", "b.png"], "a.png"),
+    ],
+)
+def test_the_copy_is_the_one_whose_name_is_longer(names: list[str], original: str) -> None:
+    """IMG_1 (1).jpg comes first in order, and IMG_1.jpg was left out as its copy."""
+    first = view(names[0])
+    (picture,), rejected = split_copies([replace(first, name=name) for name in names])
+    assert picture.name == original
+    assert [r.name for r in rejected] == [name for name in names if name != original]
+    assert all(r.reason == f"a copy of {original}, which counts once" for r in rejected)
+
+
 def test_other_parts_of_a_board_are_not_one_picture() -> None:
     """Two cameras of a rig may see the board's halves, of which no corner is common."""
     whole = view("a")

@@ -189,7 +189,7 @@ class Form:
                 unknown.param.name
             ] + unknown.param.scale * torch.from_numpy(np.asarray(error))
         poses = self.model.pad_poses(self.situation.poses)
-        size = {FLEX: 1e-3, CENTRE: 5.0}.get(self.effect.per_view, 0.01)
+        size = {FLEX: 3e-4, CENTRE: 5.0}.get(self.effect.per_view, 0.01)
         block_values = torch.from_numpy(rng.uniform(-size, size, (len(poses), poses.shape[1] - 6)))
         return values, torch.cat([poses[:, :6], block_values], 1)
 

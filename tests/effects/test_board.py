@@ -160,18 +160,18 @@ def test_a_corner_behind_glass_is_seen_where_its_ray_lands() -> None:
 
 def test_board_flex_is_a_shape_that_one_view_has_for_itself() -> None:
     """Two views of one pose: each sees what a board of its own shape would show all views."""
-    shapes = torch.tensor([[4e-4, -3e-4, 2e-4], [-1e-4, 5e-4, 3e-4]], dtype=torch.float64)
+    shape = BoardShape(*BOARD.half, degree=4)
+    names = [param.name for param in shape.params]
+    sizes = np.random.default_rng(1).normal(0, 3e-4, (2, len(names)))
     pixels = projected(np.column_stack([BOARD.points(), np.zeros(BOARD.count)]), POSE)
     path, values = pinhole_path(INTRINSICS)
     flexed = CameraModel(path, values, NONE).with_effect(proposed(BoardFlex)).path
-    for shape in shapes:
-        pose_and_shape = torch.cat([torch.from_numpy(POSE), shape]).expand(len(pixels), 9)
-        landed, failure = flexed.land(torch.from_numpy(pixels), values, pose_and_shape, MIDDLE)
+    for own in sizes:
+        placed = torch.from_numpy(np.concatenate([POSE, own])).expand(len(pixels), -1)
+        landed, failure = flexed.land(torch.from_numpy(pixels), values, placed, MIDDLE)
         assert not failure.any()
-        shared = dict(
-            zip(("board_shape.xx", "board_shape.xy", "board_shape.yy"), shape.tolist(), strict=True)
-        )
-        assert np.abs(landed.numpy() - land(BoardShape(*BOARD.half), pixels, shared)).max() < 1e-13
+        shared = dict(zip(names, own.tolist(), strict=True))
+        assert np.abs(landed.numpy() - land(shape, pixels, shared)).max() < 1e-13
 
 
 def test_board_scale_is_opencv_s_view_of_stretched_points() -> None:

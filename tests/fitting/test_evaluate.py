@@ -117,4 +117,6 @@ def test_held_out_views_that_fit_as_well_are_said_to(
 ) -> None:
     evaluation = Evaluation(held_out_px, 0.0, 5, (), 0.4, 1.0, (), fitted_views=fitted_views)
     print_evaluation(evaluation, 0.1, wide=False)
-    assert ("the held-out views fit as well" in capsys.readouterr().out) == agrees
+    assert (
+        "the pictures that were not fitted fit equally well" in capsys.readouterr().out
+    ) == agrees

@@ -323,7 +323,7 @@ def test_copies_strays_and_foreign_files_of_a_session_are_listed(tmp_path: Path)
         reasons = {picture.name: picture.reason for picture in rejected}
         assert reasons.keys() == {"copy.png", "stray.png", "IMG_1.HEIC"}
         assert reasons["copy.png"].startswith(f"a copy of {frames[0].name}")
-        assert f"is {width + 1}x{height + 1} px where" in reasons["stray.png"]
+        assert f"{width + 1}x{height + 1} px where" in reasons["stray.png"]
         assert "type is not read" in reasons["IMG_1.HEIC"]
     for number in range(4):
         cv2.imwrite(str(folder / "frames" / f"stray{number}.png"), stray)

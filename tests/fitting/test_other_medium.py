@@ -79,6 +79,9 @@ def test_the_verdict_names_the_medium() -> None:
     assert reason.word is Trust.DO_NOT_USE
     assert reason.suspects == ("cover.outside_index",)
     assert not asked(medium, with_outcome(fitted, medium_log_odds=None))
+    odds = {"medium_log_odds": {"air": -28.0, "water": 0.0}, "shape_log_odds": {"dome": 0.0}}
+    (reason,) = asked(medium, with_outcome(fitted, **odds))
+    assert reason.sentence.endswith(". Or the cover has a shape that calib does not know.")
 
 
 def test_a_note_says_that_the_pictures_do_not_tell_the_medium() -> None:

@@ -206,3 +206,20 @@ def test_the_pane_of_a_screen_is_named() -> None:
     value, sigma = parameter(finding, "screen_glass.thickness")
     print(f"pane {1e3 * value:.4f} ± {1e3 * sigma:.4f} mm")
     assert value == pytest.approx(2e-3, rel=0.02)
+
+
+@pytest.mark.slow
+def test_pixels_that_are_not_square_are_named(tmp_path: Path) -> None:
+    """The screen's pitch along x is stated 0.1 % too large."""
+    folder = copy_views("screen-clean", tmp_path / "stretched", 12)
+    for file in (folder / "points").iterdir():
+        with np.load(file) as content:
+            arrays = dict(content)
+        np.savez(file, **{**arrays, "target": arrays["target"] * [1.001, 1, 1]})
+    _, finding = diagnose(fit(read_session(folder), Settings(), Silent()), Silent())
+    assert finding.accepted == ("board_scale",)
+    value, sigma = parameter(finding, "board_scale.x_over_y")
+    print(
+        f"pixels are longer along x by {1e4 * value:.2f} ± {1e4 * sigma:.2f} parts in ten thousand"
+    )
+    assert value == pytest.approx(-1e-3, rel=0.02)

@@ -93,7 +93,7 @@ def test_pictures(source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str
     session = imported([source, *made], tmp_path / "s")
     assert (
         capsys.readouterr().out
-        == f"{tmp_path / 's'} has 8 pictures: calibrate it with calib fit {tmp_path / 's'}\n"
+        == f"{tmp_path / 's'} has 8 pictures: calibrate it with `calib fit {tmp_path / 's'}`.\n"
     )
     assert session.board == BOARD
     assert session.camera.model == ("narrow_stereo" if source == "ros" else "")

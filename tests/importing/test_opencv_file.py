@@ -77,4 +77,4 @@ def test_what_is_no_such_lens_is_refused(tmp_path: Path) -> None:
 def test_the_file_is_no_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = write_camera(tmp_path / "a.yml", LENS)
     assert main(["undistort", str(file), "x.png", "--depth", "1", "-o", str(tmp_path / "o")]) == 2
-    assert f"calib fit PICTURES --intrinsics {file} takes its numbers" in capsys.readouterr().err
+    assert f"`calib fit PICTURES --intrinsics {file}` takes its numbers" in capsys.readouterr().err

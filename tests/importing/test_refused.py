@@ -119,7 +119,7 @@ REFUSED = (
         "mrcal without inputs",
         "mrcal",
         edited("'optimization_inputs'", "'other'"),
-        "with calib import mrcal-corners",
+        "with `calib import mrcal-corners`",
         (),
     ),
     Refused(

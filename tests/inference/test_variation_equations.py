@@ -1,36 +1,44 @@
-"""Numbers that differ in many views: the fast way gives the same as eigenvectors."""
+"""Numbers that differ in many views: the fast ways give the same as one large matrix."""
 
 import numpy as np
 import pytest
 
 from calib.inference import variation_equations
-from calib.inference.variation_equations import GroupEquations, Tridiagonal
-from calib.inference.varying_numbers import Group
+from calib.inference.variation_equations import SPREADS, GroupEquations
+from calib.inference.varying_numbers import Group, VariationKind, centred_pattern
 
-VIEWS, SIZE = 40, 6
+VIEWS, SIZE, SHARED = 40, 6, 5
 
 
 @pytest.fixture
-def equations() -> GroupEquations:
-    """A group of six numbers, of which the last move the corners a hundred times as much."""
+def rows() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The (M, S) Jacobian of shared parameters, the (M, V G) one of a group of six numbers, of
+    which the last move the corners a hundred times as much, and the (M,) residual.
+    """
     rng = np.random.default_rng(7)
     count = VIEWS * SIZE
-    columns = rng.normal(size=(3 * count, count)) * np.tile([1, 1, 1, 100, 100, 100], VIEWS)
-    residual = columns @ (0.02 * rng.normal(size=count)) + rng.normal(size=3 * count)
-    information, score = columns.T @ columns, columns.T @ residual
-    freedom = 5 * count
-    return GroupEquations(Group("all", (), ()), information, score, 1.5 * freedom, freedom, SIZE)
+    differing = np.zeros((3 * count, count))
+    for view in range(VIEWS):
+        chosen = slice(3 * SIZE * view, 3 * SIZE * (view + 1))
+        columns = rng.normal(size=(3 * SIZE, SIZE)) * [1, 1, 1, 100, 100, 100]
+        differing[chosen, SIZE * view : SIZE * (view + 1)] = columns
+    shared = rng.normal(size=(3 * count, SHARED)) + differing @ rng.normal(size=(count, SHARED))
+    sizes = np.tile([1, 1, 1, 0.02, 0.02, 0.02], VIEWS) * rng.normal(size=count)
+    residual = differing @ sizes + rng.normal(size=3 * count)
+    return shared, differing, residual
 
 
-def test_a_tridiagonal_matrix_solves_as_the_whole_one(equations: GroupEquations) -> None:
-    matrix, right = equations.information, equations.score
-    reduced = Tridiagonal.of(matrix)
-    whole = np.eye(len(matrix)) + 0.3 * matrix
-    solution, log_determinant = reduced.solve(0.3, reduced.turn(right))
-    expected = np.linalg.solve(whole, right)
-    # LAPACK's errors are of rounding size times the condition of the matrix, 1e5.
-    assert np.allclose(reduced.turn(solution, back=True), expected, rtol=0, atol=1e-9)
-    assert np.isclose(log_determinant, np.linalg.slogdet(whole).logabsdet, rtol=1e-12)
+@pytest.fixture
+def equations(rows: tuple[np.ndarray, np.ndarray, np.ndarray]) -> GroupEquations:
+    shared, differing, residual = rows
+    basis = np.linalg.qr(shared)[0]
+    diagonal = differing.T @ differing
+    blocks = np.stack([diagonal[i : i + SIZE, i : i + SIZE] for i in range(0, len(diagonal), SIZE)])
+    coupling = (basis.T @ differing).reshape(SHARED, VIEWS, SIZE).transpose(1, 0, 2)
+    score = differing.T @ (residual - basis @ (basis.T @ residual))
+    cost, freedom = float(residual @ residual), len(residual)
+    group = Group("all", (), (VariationKind.TWO_KINDS,))
+    return GroupEquations(group, blocks, coupling, score.reshape(VIEWS, SIZE), cost, freedom)
 
 
 @pytest.mark.parametrize("side", [(1.0, 0.3), (1.0, 0.0), (0.0, 1.0)])
@@ -39,12 +47,44 @@ def test_many_views_gain_what_eigenvectors_say(
 ) -> None:
     sides = np.repeat(side, 3)
     results = []
-    for size in (1, 10**6):
-        monkeypatch.setattr(variation_equations, "MIN_TRIDIAGONAL", size)
+    for ratio in (0, 10**6):
+        monkeypatch.setattr(variation_equations, "MIN_LOW_RANK", ratio)
         results.append(equations._of_each(sides))
     (gain, spread, deviations), (expected_gain, expected_spread, expected) = results
     assert spread == expected_spread
-    assert np.isclose(gain, expected_gain, rtol=1e-10)
-    assert np.allclose(deviations, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+    # ROUNDING of the shared parameters' information is added to it
+    assert np.isclose(gain, expected_gain, rtol=1e-8)
+    assert np.allclose(deviations, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
     assert gain > 10
-    assert not deviations.reshape(VIEWS, SIZE)[:, sides == 0].any()
+    assert not deviations[:, sides == 0].any()
+
+
+def test_a_pattern_gains_what_the_rows_say(
+    rows: tuple[np.ndarray, np.ndarray, np.ndarray], equations: GroupEquations
+) -> None:
+    """The oracle is the determinant and the least squares solution of all rows together."""
+    shared, differing, residual = rows
+    pattern = centred_pattern(np.arange(VIEWS)[None] >= 15)[0]
+    found = equations.following(VariationKind.TWO_KINDS, pattern)
+    columns = differing @ np.kron(pattern[:, None], np.eye(SIZE))
+    columns -= shared @ np.linalg.lstsq(shared, columns, rcond=None)[0]
+    gains = []
+    for spread in SPREADS:
+        matrix = np.eye(SIZE) + spread**2 * columns.T @ columns
+        explained = (
+            spread**2 * (columns.T @ residual) @ np.linalg.solve(matrix, columns.T @ residual)
+        )
+        log_ratio = np.log(1 - explained / (residual @ residual))
+        gains.append(-(np.linalg.slogdet(matrix).logabsdet + len(residual) * log_ratio) / 2)
+    assert found.gain == pytest.approx(max(gains), rel=1e-9)
+
+
+def test_views_that_move_in_batches_end_where_they_do_together(
+    equations: GroupEquations, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ends = []
+    for batch in (3, VIEWS):
+        monkeypatch.setattr(variation_equations, "MOVED_TOGETHER", batch)
+        ends.append(equations.in_two_kinds())
+    assert np.array_equal(ends[0].pattern, ends[1].pattern)
+    assert ends[0].gain == pytest.approx(ends[1].gain, rel=1e-12)

@@ -244,7 +244,7 @@ def test_a_step_is_told_with_its_first_picture_and_what_to_do() -> None:
 
 
 def test_two_cameras_in_one_session_are_a_lens_of_two_kinds() -> None:
-    """Which views are whose follows no order."""
+    """The views of the two cameras follow no order."""
     made = session(6, "thin-cone")
     second = np.random.default_rng(2).permutation(VIEWS) < VIEWS // 2
 

@@ -7,6 +7,7 @@ from torch import Tensor
 from calib.effects.board_shape import BoardShape
 from calib.optics import rotation
 from calib.optics.board_target import Bend, Placement, Target
+from calib.optics.flex_bend import FLEX_TERMS
 from calib.optics.rays import Rays
 from calib.optics.vector import Vector
 from tests.optics.oracle import row_derivatives
@@ -31,7 +32,8 @@ def seen() -> tuple[Rays, list[Tensor], dict[str, Tensor]]:
     rays = Rays(Vector.of(start), Vector.of(directions).unit(), torch.zeros(40, dtype=torch.uint8))
     turn = rotation.matrix(torch.tensor([0.5, -0.4, 0.2], dtype=torch.float64)).expand(40, 3, 3)
     shift = torch.tensor([0.01, -0.02, 0.5], dtype=torch.float64).expand(40, 3)
-    flex = torch.tensor([8e-4, -5e-4, 3e-4], dtype=torch.float64).expand(40, 3)
+    flex = 3e-4 * torch.randn(len(FLEX_TERMS), generator=generator, dtype=torch.float64)
+    flex = flex.expand(40, -1)
     sizes = {
         unknown.param.name: torch.tensor(1e-3 / (1 + at), dtype=torch.float64)
         for at, unknown in enumerate(BOWED.effect_parameters)

@@ -41,7 +41,7 @@ class Page(Browser):
     async def until(self, condition: str) -> bool:
         """Return true as soon as a condition holds, and false after eight seconds without it."""
         for _ in range(400):
-            if await self.call(condition):
+            if await self.holds(condition):
                 return True
             await asyncio.sleep(0.02)
         return False

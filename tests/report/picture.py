@@ -1,18 +1,22 @@
-"""Draw docs/report.jpg: parts of a report as Chromium shows them, on light and on dark.
+"""Draw docs/report.jpg: parts of the report of `calib demo` as Chromium shows them, on light and on
+dark.
 
-`python -m tests.report.picture OUT/report.html docs/report.jpg`
+`python -m tests.report.picture` draws it in half a minute.
 """
 
-import sys
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 
+from calib.cli import main as calib
 from tests.report.chrome import RAYS, Page, open_chrome
 
-SIZE = (1180, 1500)
+OUTPUT = Path("docs/report.jpg")
+SIZE = (760, 1250)
 """px: the width and the height of each half."""
 HALVES = (("light", "#straight"), ("dark", "#scene"))
 """The colours of each half, and the section at its top."""
@@ -31,8 +35,16 @@ async def show_rays(page: Page) -> None:
             return
 
 
-def main(report: Path, out: Path) -> None:
-    html = report.read_text()
+def main() -> None:
+    with TemporaryDirectory() as place:
+        demo = Path(place) / "demo"
+        with redirect_stdout(StringIO()):
+            calib(["demo", "-o", str(demo), "--json"])
+        draw((demo / "calibration" / "report.html").read_text(encoding="utf-8"), OUTPUT)
+
+
+def draw(html: str, out: Path) -> None:
+    """Draw parts of a report beside each other."""
     halves = []
     with TemporaryDirectory() as place, open_chrome(Path(place) / "profile") as chrome:
         for scheme, section in HALVES:
@@ -54,4 +66,4 @@ def main(report: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    main()

@@ -25,9 +25,14 @@ from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.progress import Silent
 from calib.report.evidence import gather_evidence
+from calib.report.page import page
+from calib.report.scripts import Scripts
+from calib.report.summary import Summary
+from calib.report.tiles import Tile
 from calib.report.views import OPEN_VIEWS
 from calib.rounding import two_digits
 from calib.session.session import read_session
+from calib.verdict.verdict import Reason, Verdict
 from capture.offered_files import HEADERS
 from fixtures.synthetic import scene
 from tests.capture.tui.browser import CHROMIUM
@@ -90,6 +95,9 @@ return {
   tables: all(document, "table").length,
   cut: all(document, "table").filter(e => out(e) || e.parentElement.scrollWidth > e.parentElement.clientWidth).length,
   narrow: Math.min(...all(document, ":not(#numbers *) > td > div").map(e => e.clientWidth)),
+  lines: all(document, ".option, .key:not(.legend) span").filter(e => e.checkVisibility() && e.getBoundingClientRect().height > 30)
+    .map(e => e.textContent),
+  keys: all(document, "#glass .panels .key").length,
   wrapped: all(document, "#numbers td > div").filter(e => e.clientHeight > 40).map(e => e.textContent),
   commands: all(document, "pre").filter(e => e.scrollWidth > e.clientWidth).length };
 })()"""  # noqa: E501
@@ -104,6 +112,15 @@ const over = boxes.flatMap((one, place) => boxes.slice(place + 1)
 return [...over, ...boxes.filter(({box}) => box.left < frame.left - 2 || box.right > frame.right + 2).map(({words}) => `${where}: ${words} outside`)];
 })"""  # noqa: E501
 """The labels of charts that share more than 2 px with another one, or leave their chart."""
+FIELD_REACH = """Math.max(...fieldBorders(DATA.figures.scene, DATA.figures.scene.reach[1]).flat()
+  .map(([x, y, z]) => new Libraries.THREE.Vector3(x, -y, -z).project(document.querySelector(".scene").camera))
+  .flatMap(({x, y}) => [Math.abs(x), Math.abs(y)]))"""  # noqa: E501
+"""The largest distance of the border of what the camera sees from the scene's middle, in halves of
+the scene's width or height.
+"""
+TOPS = """Object.fromEntries(Object.entries({h1: "h1", next: ".next, .repeat", reasons: ".reasons", tiles: ".tiles"})
+  .map(([name, what]) => [name, document.querySelector(what).getBoundingClientRect().top]))"""  # noqa: E501
+"""The distances of elements from the top of the page, px."""
 CAMERA = "document.querySelector('.scene').camera.position.toArray()"
 TITLE = "document.querySelector('#sigma .panel-title').textContent"
 
@@ -161,6 +178,31 @@ def test_every_figure_is_drawn_and_readable(
     assert min(pair[0] for pair in report["pair"]) > 300
     assert report["words"] >= READABLE
     assert report["page"] <= 0
+    assert report["keys"] == 2, "the heights and their standard deviations have scales of their own"
+
+
+@pytest.mark.parametrize(
+    ("command", "order"),
+    [("calib diagnose out", ["h1", "next", "reasons"]), ("calib fit s", ["h1", "reasons", "next"])],
+)
+def test_a_phone_shows_the_next_command_without_scrolling(
+    chrome: Chrome, tmp_path: Path, command: str, order: list[str]
+) -> None:
+    """Below the verdict; a fit that is repeated has to wait for the reason, which is to be mended
+    first.
+    """
+    reasons = tuple(Reason(f"{8 * 'the views contradict it '}.", command) for _ in range(2))
+    tiles = tuple(Tile("error of the fitted views", "0.1 px") for _ in range(5))
+    summary = Summary(("A camera.",), Verdict(reasons, ""), tiles)
+    html = page("out", summary, [], Scripts("", "'none'"))
+
+    async def tops(shown: Page) -> dict[str, float]:
+        measured: dict[str, float] = await shown.call(TOPS)
+        return measured
+
+    places, _, _ = chrome.read(html, tmp_path, tops, PHONE, ready=LOADED)
+    assert sorted(order, key=lambda name: places[name]) == order
+    assert max(places[name] for name in order) < min(places["tiles"], PHONE[1])
 
 
 @pytest.mark.parametrize(
@@ -259,6 +301,8 @@ return !e.hidden && r.left >= box.left && r.right <= box.right && r.bottom <= bo
         for place in range(await page.call(f"{buttons}.length")):
             await page.call(f"{buttons}[{place}].click()")
             assert await page.call(name) == "camera", place
+            if await page.call(f"{buttons}[{place}].textContent") != "cover":
+                assert await page.call(FIELD_REACH) < 1, "of half the scene's width and height"
         texts: list[str] = await page.call(
             "[...document.querySelectorAll('.legend span')].map(entry => entry.textContent)"
         )
@@ -274,6 +318,7 @@ return !e.hidden && r.left >= box.left && r.right <= box.right && r.bottom <= bo
     assert complaints == []
 
 
+@pytest.mark.slow
 def test_a_chart_zooms_with_the_wheel_after_a_click(
     chrome: Chrome, reported: Reported, tmp_path: Path
 ) -> None:
@@ -396,6 +441,7 @@ def test_nothing_is_cut_on_a_phone(
     assert report["commands"] == 0
     assert report["narrow"] > 100, "room for a number with its unit"
     assert report["wrapped"] == [], "a number is in one line"
+    assert report["lines"] == [], "an option, and a colour's number, are in one line"
 
 
 def test_a_table_that_does_not_fit_would_have_been_noticed(
@@ -421,6 +467,7 @@ def test_without_scripts_the_verdict_and_the_tables_are_there(
     assert min(report["pictures"]) > 100
 
 
+@pytest.mark.slow
 def test_a_report_that_capture_serves_draws_its_figures(chrome: Chrome, reported: Reported) -> None:
     """Its headers put the page into a sandbox, and allow the report's scripts alone."""
     pages = {

@@ -31,7 +31,7 @@ from calib.progress import Silent
 from calib.report.comparison import diagnosis_comparison
 from calib.report.effects import EffectRow, effect_rows, effects_html
 from calib.report.evidence import gather_evidence
-from calib.report.page import commands_html, keep_numbers
+from calib.report.page import commands_html, keep_numbers, sentence_html
 from calib.report.scripts import WEB
 from calib.report.setting_words import words_for
 from calib.report.summary import summarise
@@ -60,11 +60,14 @@ def text(html: str) -> str:
 
 
 def test_no_line_breaks_within_a_number_and_commands_keep_their_spaces() -> None:
-    html = '<b>5 mm.png</b>: 1 ± 2 px in 86 % of <code>7 m</code>, <td data-label="3 px">0.3 m'
+    html = (
+        "<b>5 mm.png</b>: 1 ± 2 px in 86 % of <code>7 m</code>,"
+        ' <td data-label="3 px">0.3 m &lt; 0.1 × tolerance'
+    )
     space = "\N{NO-BREAK SPACE}"
     assert keep_numbers(html) == (
         f"<b>5 mm.png</b>: 1{space}±{space}2{space}px in 86{space}% of <code>7 m</code>,"
-        f' <td data-label="3 px">0.3{space}m'
+        f' <td data-label="3 px">0.3{space}m &lt;{space}0.1{space}×{space}tolerance'
     )
 
 
@@ -85,7 +88,7 @@ def test_a_diagnosis_that_found_nothing_is_in_the_report(reported: Reported) -> 
     scored = DiagnosisRecord({**DIAGNOSED.document, "candidates": [lens, port, accepted]})
     diagnosed = replace(calibration, history=replace(calibration.history, diagnosis=scored))
     html = effects_html([EffectRow("board_scale", 1.0, 0.5, ())], diagnosed)
-    assert "<li>the fit&#x27;s own numbers imitate it: lens, flat_port (air)</li>" in html
+    assert "<li>these views cannot tell it from fitted numbers: lens, flat_port (air)</li>" in html
     nothing = DiagnosisRecord({**DIAGNOSED.document, "families": []})
     diagnosed = replace(calibration, history=replace(calibration.history, diagnosis=nothing))
     assert summarise(gather_evidence(diagnosed)).sentences[0] == (
@@ -165,6 +168,22 @@ def test_the_data_are_the_calibrations(reported: Reported) -> None:
     assert rms == pytest.approx(reported.calibration.stages[-1].rms_px, rel=1e-6)
     poses = reported.calibration.poses[:, :6]
     assert unpacked(data["views"]["pose"]) == pytest.approx(poses, rel=1e-6)
+
+
+def test_the_lens_alone_is_not_the_stage_of_the_camera_alone(reported: Reported) -> None:
+    """The two have different errors on the board: one uses the fitted lens."""
+    words = text(reported.html)
+    panels = data_of(reported.html)["figures"]["board-errors"]["panels"]
+    assert panels[0]["title"].startswith("fitted lens alone, no cover: ")
+    assert re.fullmatch(r"the same, enlarged \d+ times: [\d.]+ mm RMS", panels[2]["title"])
+    assert 'The stage "camera alone" has the lens as it was before the fit' in words
+
+
+def test_the_arrows_say_what_they_are(reported: Reported) -> None:
+    figure = data_of(reported.html)["figures"]["residuals"]
+    for place, name in (("image", "picture"), ("board", "board")):
+        title = figure[place]["title"]
+        assert re.fullmatch(rf"mean error over the {name}; longest arrow [\d.e-]+ px", title)
 
 
 def test_a_caption_says_how_much_its_arrows_are_magnified(reported: Reported) -> None:
@@ -452,8 +471,10 @@ def test_the_test_comes_before_the_use_of_a_trusted_calibration() -> None:
     test, search, use = "calib evaluate out HOLDOUT", "calib diagnose out", "calib undistort out a"
     further = (test, search, use)
     words = [line.partition(":")[0].partition(">")[2] for line in _lines(Verdict((), use, further))]
-    assert words[:3] == ["Test it", "Next", "Then"]
-    assert HOLDOUT_NOTE in commands_html(Verdict((), use, further))
+    assert words[:3] == ["Test", "Next", "Then"]
+    html = commands_html(Verdict((), use, further))
+    assert html.count(HOLDOUT_NOTE) == 1
+    assert html.index(test) < html.index(HOLDOUT_NOTE) < html.index(use)
     doubt = Reason("look.", search)
     lines = _lines(Verdict((doubt,), use, further))
     assert [search in lines[0], test in lines[1], use in lines[2]] == [True] * 3
@@ -463,3 +484,15 @@ def test_the_test_comes_before_the_use_of_a_trusted_calibration() -> None:
 
 def _lines(verdict: Verdict) -> list[str]:
     return re.findall(r'<p class="command.*', commands_html(verdict))
+
+
+def test_a_command_in_a_sentence_is_code() -> None:
+    assert sentence_html("try `calib fit <a>`.") == "try <code>calib fit &lt;a&gt;</code>."
+
+
+def test_a_report_does_not_send_its_reader_to_itself() -> None:
+    reason = Reason("the error is not all noise.", "calib report out")
+    html = commands_html(Verdict((reason,), "", ("calib evaluate out HOLDOUT",)))
+    assert "Next: look at the figures below." in html
+    assert "calib report" not in html
+    assert "calib evaluate out HOLDOUT" in text(html)

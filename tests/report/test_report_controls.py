@@ -76,6 +76,7 @@ def test_a_command_is_selected_if_the_browser_refuses_the_clipboard(
     assert complaints == []
 
 
+@pytest.mark.slow
 def test_the_boards_fill_the_session_in_space(
     chrome: Chrome, reported: Reported, tmp_path: Path
 ) -> None:
@@ -95,6 +96,7 @@ def test_the_boards_fill_the_session_in_space(
         chrome.read(reported.html, tmp_path, story, size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("depths", "curves"), [((0.5,), 1), ((0.3, 0.5, 0.9), 0)])
 def test_maps_of_sigma_fill_their_row(
     chrome: Chrome,

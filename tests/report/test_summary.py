@@ -13,6 +13,7 @@ from calib.diagnosis.requested_effects import with_requested
 from calib.fit_record.outcome import CrossValidation
 from calib.fit_record.request import Settings
 from calib.fitting.corner_range import picture_region
+from calib.fitting.declared import Comparison
 from calib.fitting.fit import fit
 from calib.progress import Silent
 from calib.report.evidence import gather_evidence
@@ -26,6 +27,7 @@ from calib.report.patterns import (
 from calib.report.residual_maps import noise_by_distance
 from calib.report.scene import side_view, surface_meshes
 from calib.report.summary import summarise
+from calib.report.tiles import origin
 from calib.session.board import Board
 from calib.session.session import read_session
 from calib.table import change
@@ -57,8 +59,8 @@ def test_a_good_calibration_is_trusted(reported: Reported) -> None:
     assert "3280x2464 px behind a cone (1.15 mm thick, index 1.5): 45 views of a 9x9 board" in what
     assert ": no more than the corners' noise is left (about 0." in remaining
     assert "the fit does not overfit" in held_out
-    assert maps.startswith("The boards support maps for ")
-    assert "Their expected error is 0.1" in maps
+    assert maps.startswith("You can use maps from 0.")
+    assert "The expected error of the maps is 0.1" in maps
     assert re.search(r"\(median over the corners\); the largest is [\d.]+ px at the ", maps)
     assert all(sentence.endswith(".") for sentence in summary.sentences)
 
@@ -139,6 +141,14 @@ def test_a_misprinted_board_leaves_a_pattern_over_it(tmp_path: Path) -> None:
     )
     assert over_board(evidence).is_pattern
     assert "% of it changes with the place on the board" in str(summarise(evidence).verdict)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "words"), [(0.5, "estimated from the views"), (9.0, "these views do not tell it")]
+)
+def test_a_tile_says_if_the_views_do_not_tell_its_number(sigma: float, words: str) -> None:
+    radius = Comparison("cover.inner_radius", "mm", 50.0, 10.0, 55.0, sigma, unknown=True)
+    assert origin(radius) == words
 
 
 def test_noise_leaves_no_pattern(reported: Reported) -> None:

@@ -153,6 +153,7 @@ def test_a_crash_is_measured_beyond_the_first_order(pair: SimulatedRig, check: C
     assert "turned by 2.06" in str(change) or "turned by 2.07" in str(change)
 
 
+@pytest.mark.slow
 def test_a_camera_that_slipped_at_one_moment(pair: SimulatedRig, check: Check) -> None:
     slipped = join_pictures(
         later(pair, 62, 3), later(with_motion(pair, "right", MILLIMETRE), 63, 3)
@@ -206,7 +207,7 @@ def test_motions_agree_with_central_differences(
         {name: v.views for name, v in views.items()},
         {name: v.poses for name, v in views.items()},
         placements,
-        BOARD,
+        dict.fromkeys(views, BOARD),
         {},
     )
     assert shared
@@ -303,7 +304,7 @@ def test_contradicting_pictures_are_not_enough_to_judge_a_rig(
 
 def test_the_description_of_a_rig_is_no_calibration(pair: SimulatedRig, tmp_path: Path) -> None:
     file = pair.write(tmp_path)
-    with pytest.raises(InputError, match=r"describes a rig and is no calibration: calib rig fit "):
+    with pytest.raises(InputError, match=r"describes a rig and is no calibration: `calib rig fit "):
         Rig.load(file)
 
 

@@ -40,6 +40,7 @@ def late() -> RigState:
     return bursts(LATE_S)
 
 
+@pytest.mark.slow
 def test_a_disagreement_does_not_override_what_is_declared(late: RigState) -> None:
     with_own_noise = estimate_rig(late)
     estimate = estimate_with_disagreement(late)

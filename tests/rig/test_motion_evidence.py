@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 
 from calib.rig.board_motion import BoardMotion, find_bursts, motion_in_placement, placement_times
 from calib.rig.joint_estimate import RigState
-from calib.rig.motion_evidence import FixedMotion, RandomMotion, ReducedMotions
+from calib.rig.motion_evidence import FixedMotion, RandomMotion, ReducedMotions, realign
 from calib.rig.motion_products import MOTIONS, POSE, MotionProducts
 from calib.rig.own_effects import WideState
 from calib.rig.pose_terms import PoseTerms
@@ -135,6 +135,9 @@ def random_products(rng: np.random.Generator) -> tuple[MotionProducts, list[Arra
         MotionProducts(
             products=products,
             halves=np.array([products, products]) / 2,
+            blocks=np.zeros((places, 6)),
+            block_precision=np.zeros(6),
+            bends=slice(columns, columns),
             numbers=6 + np.arange(numbers),
             own_effects=(),
             motions={"right": slice(6 + numbers, columns)},
@@ -272,6 +275,17 @@ def test_a_lateness_without_noise_is_true() -> None:
     product = np.einsum("pi,pij,pj", predicted, weights, np.array(shifts))
     ratio = product / np.einsum("pi,pij,pj", predicted, weights, predicted)
     assert ratio == pytest.approx(1.0, abs=2.5e-3)
+
+
+def test_random_motions_stay_those_of_their_camera_in_a_later_fit() -> None:
+    """A fit with more numbers has the columns of all motions further on."""
+    products, _, _ = random_products(np.random.default_rng(4))
+    (place,) = products.motions.values()
+    board = RandomMotion(slice(place.stop - 6, place.stop), np.zeros((4, 6, 6)))
+    later = replace(products, motions={"right": slice(place.start + 2, place.stop + 2)})
+    (moved,) = realign((board,), products, later)
+    assert moved.columns == slice(place.stop - 4, place.stop + 2)
+    assert realign((board,), products, products)[0].columns == board.columns
 
 
 def test_bursts_are_placements_at_short_intervals() -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from torch import Tensor
 
+from calib.effects.board_flex import BoardFlex
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.levenberg_marquardt import minimise
 from calib.estimation.observations import Observations
@@ -20,6 +21,7 @@ from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.rig.joint_estimate import CameraState, RigState, estimate_rig
 from calib.rig.layout import RigLayout
+from calib.rig.own_effects import with_effects
 from calib.rig.poses import compose, move_points
 from calib.rig.problem import BaselinePrior, RigProblem
 from fixtures.rigs import SimulatedRig, simulate_rig
@@ -83,7 +85,19 @@ def stacked_residual(problem: RigProblem, shared: Tensor, placements: Tensor) ->
     return torch.cat([*(row.flatten() for row in rows), torch.tensor([baseline[0]])])
 
 
-def test_blocks_agree_with_central_differences(state: RigState) -> None:
+def with_bends(state: RigState) -> RigState:
+    """Return the state with a random bend of the board in each placement."""
+    effect = BoardFlex(*BOARD.half)
+    bent = with_effects(state, [(effect,)] * len(state.cameras)).state
+    placements = bent.placements.clone()
+    rng = np.random.default_rng(1)
+    placements[:, 6:] = torch.from_numpy(rng.normal(0, 3e-4, placements[:, 6:].shape))
+    return replace(bent, placements=placements)
+
+
+@pytest.mark.parametrize("bends", [False, True], ids=["rigid", "bent"])
+def test_blocks_agree_with_central_differences(state: RigState, bends: bool) -> None:
+    state = with_bends(state) if bends else state
     problem = state.problem()
     # Without robust weights, the equations are the products of the derivatives alone.
     cameras = tuple(
@@ -92,10 +106,11 @@ def test_blocks_agree_with_central_differences(state: RigState) -> None:
     )
     problem = replace(problem, cameras=cameras)
     shared, placements = state.vector(), state.placements
-    size = len(shared)
+    size, count = len(shared), placements.shape[1]
+    assert count == (18 if bends else 6)
 
     def residual(point: Tensor) -> Tensor:
-        return stacked_residual(problem, point[:size], point[size:].reshape(-1, 6))
+        return stacked_residual(problem, point[:size], point[size:].reshape(-1, count))
 
     point = torch.cat([shared, placements.flatten()])
     columns = []
@@ -113,7 +128,7 @@ def test_blocks_agree_with_central_differences(state: RigState) -> None:
     size_of = scale[:, None] * scale
     assert close(rows.hessian_shared, expected[:size, :size], size_of[:size, :size])
     for place in range(len(placements)):
-        block = slice(size + 6 * place, size + 6 * place + 6)
+        block = slice(size + count * place, size + count * (place + 1))
         assert close(rows.hessian_block[place], expected[block, block], size_of[block, block])
         assert close(rows.hessian_cross[place], expected[block, :size], size_of[block, :size])
         assert close(rows.gradient_block[place], gradient[block], scale[block] * length)
@@ -124,12 +139,15 @@ def close(value: Tensor, expected: Tensor, size: Tensor) -> bool:
     return float(((value - expected).abs() / size).max()) < 1e-5
 
 
-def test_inner_step_lowers_the_cost_of_each_placement(state: RigState) -> None:
+@pytest.mark.parametrize("bends", [False, True], ids=["rigid", "bent"])
+def test_inner_step_lowers_the_cost_of_each_placement(state: RigState, bends: bool) -> None:
+    state = with_bends(state) if bends else state
     problem = state.problem()
     shared = state.vector()
     cost_before = problem.cost(shared, state.placements)
     blocks, cost_after = problem.inner_step(shared, state.placements)
     assert cost_after < 0.9 * cost_before
+    assert bool((blocks**2 @ problem.block_precision > 0).all()) == bends
     assert abs(problem.cost(shared, blocks) - cost_after) < 1e-9 * cost_after
 
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from calib import Rig as PublicRig
-from calib.corners.corners_file import read_corners, write_corners
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
 from calib.fit_record.request import Settings
@@ -32,14 +31,13 @@ from calib.rig.rig_storage import rig_arrays
 from calib.rig.triangulation import triangulate_points
 from calib.session.board import Board
 from calib.session.cover import Cover
-from calib.session.session import read_session
 from calib.verdict.verdict import Reason, Trust, Verdict
+from fixtures.measured_pairs import SHARED_DATA, write_parts
 from fixtures.rigs import SimulatedRig, simulate_rig
 from fixtures.synthetic import BUMPS, THIN
 from tests.rig.conftest import BOARD, EVEN
 
 Array = NDArray[np.float64]
-SHARED_DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
 
 
 def lengths_of(points: Array, pairs: NDArray[np.int64]) -> Array:
@@ -66,6 +64,7 @@ def test_points_are_those_of_least_pixel_error(pair: SimulatedRig, fitted: Rig) 
         assert np.abs(oracle.x - point).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_derivatives_agree_with_another_calibration(pair: SimulatedRig, fitted: Rig) -> None:
     """Each number of the rig moves points whose rays meet as `by_numbers` says."""
     pixels = fitted.project(pair.points(2, 3)[0])
@@ -432,22 +431,7 @@ def test_measured_pairs(name: str, limit_px: float, tmp_path: Path) -> None:
     folder = SHARED_DATA / name
     if not folder.is_dir():
         pytest.skip(f"{folder} is not here")
-    sessions = {side: read_session(folder / side) for side in ("left", "right")}
-    views = {}
-    for side, session in sessions.items():
-        assert session.corners
-        views[side] = read_corners(session.corners, session.board)
-    names = sorted({view.name for side in views.values() for view in side})
-    for part, chosen in (("train", {*names} - {*names[2::3]}), ("holdout", {*names[2::3]})):
-        for side, session in sessions.items():
-            (tmp_path / part / side).mkdir(parents=True)
-            text = (session.path / "session.yaml").read_text()
-            (tmp_path / part / side / "session.yaml").write_text(text)
-            written = [view for view in views[side] if view.name in chosen]
-            write_corners(tmp_path / part / side / "corners.vnl", written)
-        (tmp_path / part / "rig.yaml").write_text(
-            "format: 1\ncameras: {left: left, right: right}\nreference: left\ntogether: by_name\n"
-        )
+    write_parts(folder, tmp_path)
     rig = fit_rig(tmp_path / "train")
     evaluation = evaluate_rig(rig, tmp_path / "holdout")
     assert evaluation.shared_placements == evaluation.placements

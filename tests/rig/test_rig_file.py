@@ -114,7 +114,7 @@ def test_a_session_of_one_camera_is_no_rig(
     session = written(folder, {}) / "left"
     assert main(["rig", "fit", str(session / name)]) == 2
     assert capsys.readouterr().err == (
-        f"calib: error: {session} is a session of one camera, and no rig: calib fit {session}"
+        f"calib: error: {session} is a session of one camera, and no rig: `calib fit {session}`"
         f" calibrates the camera, or give its rig, {folder / 'rig.yaml'}.\n"
     )
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.session.point_bins import MAX_POINTS, MIN_SIGMA, bin_points
-from calib.session.point_target import PointTarget, PointView
+from calib.session.point_target import PointTarget, PointView, in_space
 from calib.session.points_file import read_point_view
 from calib.session.session import read_session
 
@@ -52,7 +52,6 @@ def test_the_points_are_the_target(tmp_path: Path) -> None:
         ({"pixels": PIXELS.astype("U")}, r"pixels is <U"),
         ({"pixels": np.where(PIXELS == 500, np.nan, PIXELS)}, "not finite: leave these points out"),
         ({"pixels": PIXELS + 200}, r"a pixel at \(700, 310\), outside the camera's 640x480 px"),
-        ({"target": TARGET + np.array([0, 0, 0.01])}, "points up to 0.01 m off the plane z = 0"),
         ({"covariance": -COVARIANCE}, "not symmetric with variances above 0"),
         ({"covariance": COVARIANCE + np.array([[0, 0.005], [0, 0]])}, "not symmetric"),
     ],
@@ -61,6 +60,19 @@ def test_bad_points_are_refused(tmp_path: Path, arrays: dict[str, object], words
     with pytest.raises(InputError, match=words) as error:
         read_session(write(tmp_path, **arrays))
     assert str(tmp_path / "points" / "0000.npz") in str(error.value)
+
+
+def test_points_with_heights_are_in_space(tmp_path: Path) -> None:
+    """A view whose points have z = 0 is then a flat part of the target."""
+    write(tmp_path)
+    places = TARGET + np.array([0, 0, 0.05])
+    np.savez(tmp_path / "points" / "0001.npz", pixels=PIXELS, target=places, covariance=COVARIANCE)
+    board = read_session(tmp_path).board
+    assert not board.is_flat
+    np.testing.assert_array_equal(board.points(), np.concatenate([TARGET, places]))
+    assert board.width == pytest.approx(0.1)
+    assert board != PointTarget.of(TARGET[:, :2])
+    assert board == in_space(PointTarget.of(TARGET[:, :2]))
 
 
 def test_a_session_of_points_needs_points(tmp_path: Path) -> None:

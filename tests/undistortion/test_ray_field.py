@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from calib.apply.asked_depths import ReachedDepths, describe_depths, describe_unsupported
+from calib.apply.asked_depths import (
+    ReachedDepths,
+    describe_all,
+    describe_depths,
+    describe_unsupported,
+)
 from calib.errors import InputError
 from calib.optics.build import pinhole_path
 from calib.optics.exposure import MIDDLE
@@ -250,6 +255,8 @@ def test_a_depth_inside_of_the_cover_is_refused(made: Scene, field: RayField) ->
     assert remark == "500 is taken as metres: write 0.5 for 500 mm, and inf for far away."
     with pytest.raises(InputError, match=r"depth 0\.002 m is too near: write 0\.0\d+ m or more"):
         field.map_at(0.002)
+    with pytest.raises(InputError, match=r"depth 0\.002 m is too near"):
+        next(describe_all(calibration, [between, 0.002]))  # no sentence comes before the error
     reached = ReachedDepths.of(field, [0.5, 0.002])
     assert reached.depths == (0.5,)
     assert len(reached.refusals) == 1

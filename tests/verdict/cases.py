@@ -23,6 +23,11 @@ def asked(
     evaluation: Evaluation | None = None,
 ) -> list[Found]:
     """The reasons that one check gives, or its notes."""
-    settings = calibration.request.settings or Settings()
-    commands = NextCommands(SESSION, SESSION / "calibration", settings)
+    commands = commands_of(calibration)
     return list(check(Case(calibration, depths, commands, evaluation, "other views")))
+
+
+def commands_of(calibration: Calibration) -> NextCommands:
+    """The commands about a calibration of SESSION."""
+    settings = calibration.request.settings or Settings()
+    return NextCommands(SESSION, SESSION / "calibration", settings)

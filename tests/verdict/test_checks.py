@@ -5,16 +5,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.calibration_content import Declared, Stage
 from calib.corners.coded import PAST_LAST_ROW
 from calib.corners.view import RejectedPicture, View
+from calib.effects.wedge import Wedge
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.relief_heights import height_spread
 from calib.fit_record.history import DiagnosisRecord, History
 from calib.fit_record.request import FitRequest, Settings
+from calib.fitting.stages import Setup
 from calib.fitting.supported_depths import trusted_depths
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
@@ -38,13 +41,16 @@ from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, unc
 from calib.verdict.unevenness import unevenness
 from calib.verdict.unseen_row import extra_rows, unseen_row
 from calib.verdict.verdict import MAPS_HOLD, Reason, Trust, Verdict
-from fixtures.calibrated import with_outcome
-from fixtures.synthetic import paper_cone, scene
+from fixtures.calibrated import CAMERA, tolerant, with_outcome
+from fixtures.calibrated import calibrated as fixed_calibration
+from fixtures.synthetic import COVERS, FLAT_PLACE, INTRINSICS, glass, held, paper_cone, scene
 from tests.fitting.test_inputs import spoiled
 from tests.report.made import calibrated
 from tests.test_calibration import write_session
 from tests.verdict.cases import DIAGNOSE, SESSION, asked
 from tests.verdict.conftest import FAST
+
+LENS_AGAIN = "Or the lens is not as it was in bare/: take those pictures again"
 
 
 class Stretched(Board):
@@ -226,11 +232,12 @@ def test_a_number_that_is_far_from_what_is_declared(
         freed.cover, parameters={**freed.declared.cover.parameters, "thickness": declared}
     )
     cover = replace(freed.cover, parameters={**freed.cover.parameters, "thickness": estimate})
-    reasons = asked(
-        declared_numbers,
-        replace(freed, cover=cover, stated=Declared(freed.declared.intrinsics, told)),
-    )
+    wrong = replace(freed, cover=cover, stated=Declared(freed.declared.intrinsics, told))
+    reasons = asked(declared_numbers, wrong)
     assert [reason.suspects for reason in reasons] == [("cover.thickness",)] * doubted
+    assert not any(LENS_AGAIN in reason.sentence for reason in reasons)
+    from_bare = asked(declared_numbers, with_outcome(wrong, intrinsics_from="bare"))
+    assert [LENS_AGAIN in reason.sentence for reason in from_bare] == [True] * doubted
     assert all(
         "declared as 3.00 ± 0.10 mm" in reason.sentence
         and f"{error:.1f} standard" in reason.sentence
@@ -264,23 +271,54 @@ def test_a_focal_length_is_compared_with_its_source(
     assert all(words in sentence for sentence in sentences for words in message)
 
 
+def with_unevenness(calibration: Calibration, uneven: float) -> Calibration:
+    """The calibration with glass that is uneven by so many m: twisted, which no wedge is."""
+    twist = 1e-5 * np.outer(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5))
+    height = height_spread(
+        *replace(calibration, amplitudes=twist).model(), calibration.observations
+    )
+    return replace(calibration, amplitudes=twist * uneven / height)
+
+
 @pytest.mark.parametrize(("uneven", "doubted"), [(29e-6, False), (31e-6, True)])
 def test_implausibly_uneven_glass_is_reported(
     good: Calibration, freed: Calibration, uneven: float, doubted: bool
 ) -> None:
-    def bent(calibration: Calibration) -> Calibration:
-        slope = 1e-5 * np.linspace(-1, 1, 5)[:, None] * np.ones(5)
-        height = height_spread(
-            *replace(calibration, amplitudes=slope).model(), calibration.observations
-        )
-        return replace(calibration, amplitudes=slope * uneven / height)
-
-    held, free = asked(unevenness, bent(good)), asked(unevenness, bent(freed))
+    held = asked(unevenness, with_unevenness(good, uneven))
+    free = asked(unevenness, with_unevenness(freed, uneven))
     assert len(held) == len(free) == doubted
     if doubted:
         assert held[0].next.endswith("--free all")
         assert 0 < len(held[0].suspects) < 6
         assert free[0].next == DIAGNOSE
+
+
+def test_uneven_glass_after_a_diagnosis_does_not_ask_for_another_one(freed: Calibration) -> None:
+    diagnosed = replace(freed, history=History(diagnosis=DiagnosisRecord()))
+    (reason,) = asked(unevenness, with_unevenness(diagnosed, 40e-6))
+    assert reason.next.startswith("calib fit ")
+
+
+@pytest.mark.parametrize(
+    ("water", "advised"),
+    [
+        (Number(1.333), True),
+        (Number(1.333, 0.004), False),
+        (Number(1.333, exact=True), False),
+        (Number(1.0), False),
+    ],
+    ids=["plain", "tolerant", "exact", "air"],
+)
+def test_a_plain_index_of_water_may_cause_uneven_glass(
+    freed: Calibration, water: Number, advised: bool
+) -> None:
+    """`calib fit` does not estimate a plain outside_index, and the sea has another one."""
+    declared = freed.declared
+    cover = declared.cover.replace_numbers({declared.cover.medium_name: water})
+    wet = replace(freed, stated=Declared(declared.intrinsics, cover, declared.doubted))
+    (reason,) = asked(unevenness, with_unevenness(wet, 40e-6))
+    assert ("outside_index: {value: 1.333, sigma: 0.004}" in reason.sentence) == advised
+    assert (reason.next != DIAGNOSE) == advised
 
 
 @pytest.mark.slow
@@ -296,6 +334,39 @@ def test_a_stretched_print_is_named(tmp_path: Path) -> None:
     (reason,) = asked(residual, calibrated(made, tmp_path, FAST))
     assert "board_scale" in reason.suspects
     assert reason.next == DIAGNOSE
+
+
+@pytest.mark.slow
+def test_a_lens_that_is_not_that_of_bare_is_named() -> None:
+    """The pictures in bare/ were cropped elsewhere. Uneven glass would imitate that."""
+    dome = COVERS["wet-dome"][0]
+    made = scene(2, views=24, amplitude=0, noise=0.1, depths=(0.3, 1.1), cover=dome)
+    cropped = replace(
+        INTRINSICS,
+        fx=replace(INTRINSICS.fx, sigma=0.4),
+        fy=replace(INTRINSICS.fy, sigma=0.4),
+        cx=Number(INTRINSICS.cx.value + 14, 0.4),
+        cy=Number(INTRINSICS.cy.value - 9, 0.4),
+    )
+    declared = fixed_calibration(made, Setup(made.board, CAMERA, cropped, dome), Settings())
+    from_bare = with_outcome(declared, intrinsics_from="bare")
+    reasons = asked(declared_numbers, from_bare)
+    assert [reason.suspects for reason in reasons] == [("camera.cx",), ("camera.cy",)]
+    assert all("take the pictures in bare/ again" in reason.sentence for reason in reasons)
+
+
+@pytest.mark.slow
+def test_a_wedge_that_uneven_glass_imitates_is_named() -> None:
+    """No error is left, so a diagnosis does not find it."""
+    cover = glass("flat", 0.006, **FLAT_PLACE)
+    even = scene(3, views=1, amplitude=0, cover=cover)
+    wedge = {"wedge.x": torch.tensor(0.012).double(), "wedge.y": torch.tensor(0.0).double()}
+    turned = replace(even, path=Wedge("xy").apply(even.path), values={**even.values, **wedge})
+    made = held(np.random.default_rng(3), turned, 24, 0.05, (0.3, 1.2))
+    nominal = Setup(made.board, CAMERA, INTRINSICS, cover)
+    (reason,) = asked(unevenness, tolerant(made, nominal))
+    assert "wedge" in reason.suspects
+    assert reason.next.endswith("--effects wedge")
 
 
 def test_any_error_beyond_noise_is_reported(good: Calibration) -> None:
@@ -480,6 +551,17 @@ def test_air_declared_as_water_is_reported(tmp_path: Path) -> None:
     assert "the board was in water" in reason.sentence
 
 
+@pytest.mark.slow
+def test_pictures_in_air_among_pictures_in_water_are_reported(tmp_path: Path) -> None:
+    cover = COVERS["wet-flat"][0]
+    wet = scene(21, views=12, noise=0.05, cover=cover)
+    dry = scene(21, views=12, noise=0.05, cover=cover.replace_medium(Number(1.0), None))
+    mixed = replace(wet, views=(*wet.views[:6], *dry.views[6:]))
+    (reason,) = asked(medium, calibrated_from(write_session(tmp_path / "mixed", mixed)))
+    assert "6 of the 12 pictures seem to have been taken in air" in reason.sentence
+    assert "calib diagnose" in reason.next
+
+
 def calibrated_from(session: Path) -> Calibration:
     from calib.fitting.fit import fit
     from calib.session.session import read_session
@@ -488,7 +570,7 @@ def calibrated_from(session: Path) -> Calibration:
 
 
 def test_a_lens_that_may_look_through_a_cover_is_asked_about(good: Calibration) -> None:
-    """What such a fit says of the board may be the cover's doing."""
+    """The cover may cause what such a fit says of the board."""
     worse = replace(good, stages=(*good.stages[:-1], replace(good.stages[-1], rms_px=0.5)))
     question = Reason(f"the error is 0.5 px. {COVER_QUESTION}", "calib diagnose it")
     assert asks_for_cover(Verdict((question,), "calib report"))

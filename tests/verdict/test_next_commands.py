@@ -9,6 +9,7 @@ import pytest
 from calib.calibration import Calibration
 from calib.commands.verdict_lines import print_verdict
 from calib.corners.view import RejectedPicture
+from calib.fit_record.history import DiagnosisRecord, History
 from calib.fit_record.request import CommandOptions, Provenance, Settings
 from calib.importing.session_draft import COVER
 from calib.io.output_folder import OutputFolder
@@ -184,6 +185,13 @@ def test_imported_pictures_are_not_of_capture(
     assert picture_source(tmp_path) is source
 
 
+def test_no_second_diagnosis_is_proposed(good: Calibration) -> None:
+    diagnosed = replace(good, history=History(diagnosis=DiagnosisRecord()))
+    for calibration, expected in ((good, True), (diagnosed, False)):
+        further = judge(calibration).further
+        assert any(command.startswith("calib diagnose") for command in further) == expected
+
+
 def test_no_diagnosis_is_proposed_of_too_few_views(good: Calibration) -> None:
     commands = NextCommands(Path("s"), Path("s/calibration"), Settings(), diagnosable=False)
     assert commands.diagnose() == "capture s"
@@ -198,10 +206,13 @@ def test_options_change_the_medium_of_a_session_that_calib_described(tmp_path: P
     (tmp_path / "session.yaml").write_text("format: 1\n")
     assert commands.fit_in(1.333) == commands.fit(), "it is the user's own"
     assert commands.unknown_cover == "cover: {shape: unknown} in session.yaml"
+    assert commands.name_cover(["cone", "flat"]) == "write cover.shape in session.yaml"
     (tmp_path / "session.yaml").unlink()
     OutputFolder(tmp_path).write("session.yaml", "format: 1\n")
     assert commands.fit_in(1.333) == commands.fit("--outside-index", "1.333")
-    assert commands.unknown_cover == "--cover unknown"
+    assert commands.unknown_cover == f"`calib fit {tmp_path} --cover unknown`"
+    named = f"type `calib fit {tmp_path} --cover cone` or `--cover flat`"
+    assert commands.name_cover(["cone", "flat"]) == named
 
 
 def test_a_calibration_is_used_at_the_depth_of_its_fit(good: Calibration) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from calib.calibration import Calibration
+from calib.commands import console
 from calib.commands.console import print_fit
 from calib.corners.view import MISFIT, RejectedPicture
 from calib.fit_record.outcome import Uncertainty
@@ -49,6 +50,20 @@ def test_many_views_that_do_not_fit_are_a_reason(good: Calibration) -> None:
     assert not asked(misfits, replace(mixed, rejected=tuple(unlike)))
 
 
+def test_the_fit_explains_maps_that_are_surer_than_the_numbers(
+    good: Calibration, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera, k = good.camera, good.camera.intrinsics
+    assert k
+    unsure = replace(k, fx=replace(k.fx, sigma=10.0))
+    moved = console.focal_error(replace(good, camera=replace(camera, intrinsics=unsure)))
+    assert moved == pytest.approx(10 / k.fx.value * camera.width / 2)
+    for error_px in (0.0, moved):
+        monkeypatch.setattr(console, "focal_error", lambda _, px=error_px: px)
+        print_fit(good, 1.0)
+        assert ("less certain than the maps" in capsys.readouterr().out) == (error_px > 0)
+
+
 def test_the_fit_says_which_view_decides(
     good: Calibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -56,3 +71,9 @@ def test_the_fit_says_which_view_decides(
     printed = " ".join(capsys.readouterr().out.split())
     assert "in the part of the picture where the board was: " in printed
     assert "Much of the result comes from 0003.png (31 %): more pictures" in printed
+
+
+def test_the_views_that_decide_are_listed() -> None:
+    views = {"0003.png": 0.31, "0011.png": 0.17, "0012.png": 0.11}
+    sentence = Uncertainty(24, 1.0, 1.0, 1.0, views).heavy_sentence
+    assert "from 0003.png (31 %), 0011.png (17 %) and 0012.png (11 %): more" in sentence

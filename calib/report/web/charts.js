@@ -14,7 +14,7 @@ function drawBoardErrors(host, {panels, errors}) {
       ]),
     });
   }
-  addColourKey(host, `view with ${digits(SMALLEST_ERROR, 2)} px`, `${digits(LARGEST_ERROR, 2)} px`, "var(--weak)", "var(--strong)");
+  addColourKey(host, `view error: ${digits(SMALLEST_ERROR, 2)} px`, `${digits(LARGEST_ERROR, 2)} px`, "var(--weak)", "var(--strong)");
 }
 
 /** Mark the dots of the pointed corner's view in a chart; null: of no view. */
@@ -25,11 +25,11 @@ function markView(chart, point) {
 function drawResiduals(host, {image, board, scales, span, bands, noise, noiseBands, highest}) {
   addArrowPanels(host, {image, board}, scales, span);
   addPanel(host, {
-    title: `by ${DATA.distanceName}; orange: RMS and 68 % band${numbers(noiseBands.noise).length ? "; dashes: the corners' noise" : ""}`, label: "residuals by depth", onClick: openCorner,
+    title: `error by ${DATA.distanceName}; orange: RMS and 68 % band${numbers(noiseBands.noise).length ? "; dashes: the corners' noise" : ""}`, label: "residuals by depth", onClick: openCorner,
     options: width => byDistanceOptions(width, bands, noiseBands, highest),
   });
   addPanel(host, {
-    title: `their distribution${noise ? `; line: noise of ${digits(noise / Math.SQRT2, 2)} px in each of x and y` : ""}`, label: "histogram of the residuals",
+    title: `distribution of the errors${noise ? `; line: noise of ${digits(noise / Math.SQRT2, 2)} px in each of x and y` : ""}`, label: "histogram of the residuals",
     options: width => histogramOptions(width, CORNERS.flatMap(corner => [corner.dx, corner.dy]), noise),
   });
 }
@@ -50,9 +50,9 @@ function addArrowPanels(host, {image, board}, scales, span, when = "") {
 function drawComparison(host, {before, after, scales, span}) {
   const errorsOf = side => Array.from(numbers(side.errors)), limit = histogramLimit(errorsOf(before));
   for (const [when, side] of [["given fit", before], ["with effects", after]]) {
-    addArrowPanels(host, side, scales, span, `${when}, `);
+    addArrowPanels(host, side, scales, span, `${when}: `);
     addPanel(host, {
-      title: `${when}: ${digits(side.rms)} px`, label: "histogram of the residuals",
+      title: `${when}: error ${digits(side.rms)} px`, label: "histogram of the residuals",
       options: width => histogramOptions(width, errorsOf(side), side.noise, limit),
     });
   }
@@ -136,7 +136,7 @@ function histogramOptions(width, values, noise, limit = histogramLimit(values)) 
   const curve = noise ? Array.from({length: 161}, (_, place) => ({x: (place / 80 - 1) * limit})).map(({x}) => ({x, y: normal(x)})) : [];
   const highest = 1.12 * Math.max(...counts, ...curve.map(point => point.y));
   return chartOptions(
-    width, Math.max(240, Math.round(0.62 * width)), {domain: [-limit, limit], label: "x or y of an error (px)"},
+    width, Math.max(240, Math.round(0.62 * width)), {domain: [-limit, limit], label: "error in x or in y (px)"},
     {domain: [0, highest], label: "number", tickFormat: shortCount},
     [
       Libraries.Plot.rectY(bars, {x1: "x1", x2: "x2", y: "count", fill: "var(--series-0)", fillOpacity: 0.7, inset: 0.5}),
@@ -289,16 +289,23 @@ function drawGlass(host, packed) {
   const field = gridOf(packed), visible = numbers(packed.visible), frame = rows(packed.frame);
   const outline = Libraries.Plot.line([...frame, frame[0]], {x: "0", y: "1", stroke: "var(--faint)"});
   const clip = {type: "Polygon", coordinates: [[...frame, frame[0]].map(point => Array.from(point))]};
-  const panel = (title, values, limit, levels, colour, more) => addPanel(host, {
-    title, label: "the glass surface",
-    options: width => glassOptions(width, packed, frame, [
-      ...fieldMarks(field, values, limit, levels, {colour, clip}), outline, ...more, levelLabels(field, values, levels, {visible}),
-      tip(fieldNodes(field, values).filter(({place}) => visible[place]), node => `${digits(node.value, 2)} µm\nat ${digits(node.x)}, ${digits(node.y)}`),
-    ]),
-  });
-  panel(packed.heightTitle, numbers(packed.height), packed.limit, Libraries.ticks(-packed.limit, packed.limit, 9), value => value < 0 ? ORANGE : BLUE, []);
-  if (packed.sigma) panel(packed.sigmaTitle, numbers(packed.sigma), packed.sigmaLimit, [], () => BLUE, [dots(exitPoints(), "#808080", 2, 0.7)]);
-  addColourKey(host, `${digits(-packed.limit, 2)} µm`, `${digits(packed.limit, 2)} µm`, `${ORANGE}, transparent`, BLUE);
+  const panel = (title, values, limit, levels, colour, key, more) => {
+    const panelHost = element("div");
+    host.append(panelHost);
+    addPanel(panelHost, {
+      title, label: "the glass surface",
+      options: width => glassOptions(width, packed, frame, [
+        ...fieldMarks(field, values, limit, levels, {colour, clip}), outline, ...more, levelLabels(field, values, levels, {visible}),
+        tip(fieldNodes(field, values).filter(({place}) => visible[place]), node => `${digits(node.value, 2)} µm\nat ${digits(node.x)}, ${digits(node.y)}`),
+      ]),
+    });
+    panelHost.append(key);
+  };
+  const heights = colourKey(`${digits(-packed.limit, 2)} µm`, `${digits(packed.limit, 2)} µm`, `${ORANGE}, transparent`, BLUE);
+  panel(packed.heightTitle, numbers(packed.height), packed.limit, Libraries.ticks(-packed.limit, packed.limit, 9), value => value < 0 ? ORANGE : BLUE, heights, []);
+  if (!packed.sigma) return;
+  const sigmas = colourKey("0", `${digits(packed.sigmaLimit, 2)} µm or more`);
+  panel(packed.sigmaTitle, numbers(packed.sigma), packed.sigmaLimit, [], () => BLUE, sigmas, [dots(exitPoints(), "#808080", 2, 0.7)]);
 }
 
 function drawGlassDetail(host, packed) {
@@ -372,7 +379,7 @@ function addSigmaCurve(host, packed, depthsOf) {
   });
   const highest = 1.05 * Math.max(...points.map(point => point.most)), pad = 0.03 * (far - near) || 0.01;
   return addPanel(host, {
-    title: `by ${DATA.distanceName}; blue: median over the corners; orange: largest`, label: "standard deviation by depth",
+    title: `sigma by ${DATA.distanceName}; blue: median over the corners; orange: largest`, label: "standard deviation by depth",
     options: width => chartOptions(
       width, pictureOptions(width, []).height, {domain: [near - pad, far + pad], label: `${DATA.distanceName} (m)`},
       {domain: [0, highest], label: "sigma (px)"},

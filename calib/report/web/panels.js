@@ -270,10 +270,15 @@ function addDepthSlider(host, depth, [near, far], onChange) {
   host.append(label);
 }
 
-/** Add the key of a field's colours. */
-function addColourKey(host, from, to, low = "transparent", high = BLUE) {
+/** Return the key of a field's colours. */
+function colourKey(from, to, low = "transparent", high = BLUE) {
   const key = element("p", "key"), ramp = element("span", "ramp");
   ramp.style.background = `linear-gradient(to right, ${low}, ${high})`;
   key.append(element("span", "", keepNumbers(from)), ramp, element("span", "", keepNumbers(to)));
-  host.after(key);
+  return key;
+}
+
+/** Add the key of a figure's colours below its panels. */
+function addColourKey(host, ...words) {
+  host.after(colourKey(...words));
 }

@@ -5,6 +5,10 @@ const SIGHT_COLOUR = "--series-2"; // of the border of what a camera sees
 const NAME_LETTER = 8, NAME_HEIGHT = 16, NAME_GAP = 8; // px of a camera's name
 const TICK_STEPS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50], MAX_TICKS = 6, TICK_PART = 0.08; // m; of the optical axis
 const FIT_MARGIN = 0.08; // of half the picture, free beside the points that are shown
+const BOX_FACES = [0, 1, 3, 0, 3, 2, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4, 2, 3, 7, 2, 7, 6, 0, 2, 6, 0, 6, 4, 1, 3, 7, 1, 7, 5];
+const BOX_EDGES = [0, 1, 2, 3, 4, 5, 6, 7, 0, 2, 1, 3, 4, 6, 5, 7, 0, 4, 1, 5, 2, 6, 3, 7];
+const BOX_FAINTNESS = 0.4; // of a box's faces, which show its points
+const CROSS_PART = 0.02; // of a target's size, to each side of a point
 const THREE_WORDS = "This browser draws no 3D (it has no WebGL).";
 
 function drawScene(host, packed) {
@@ -101,7 +105,7 @@ function drawScene(host, packed) {
     pointed = view;
     said.hidden = view === null;
     canvas.style.cursor = view === null ? "grab" : "pointer";
-    for (const board of boards) board.material.opacity = view === null ? BOARD_OPACITY : board.userData.view === view ? POINTED_OPACITY : OTHER_OPACITY;
+    for (const board of boards) board.material.opacity = board.userData.faces * (view === null ? BOARD_OPACITY : board.userData.view === view ? POINTED_OPACITY : OTHER_OPACITY);
     const segments = view === null ? [] : raysOf(packed, view).flatMap(({points}) => points.slice(1).flatMap((next, step) => [...points[step], ...next]));
     rays.geometry.dispose();
     rays.geometry = new three.BufferGeometry().setAttribute("position", new three.Float32BufferAttribute(segments, 3));
@@ -121,20 +125,25 @@ function drawScene(host, packed) {
   camera.aspect = box.clientWidth / box.clientHeight;
   goTo(places.whole());
   addLegend(host, packed);
-  addColourKey(host, `error of a board: ${digits(packed.errors[0], 2)} px`, `${digits(packed.errors[1], 2)} px or more`, `${errorColour(0)}, ${errorColour(0.5)}`, errorColour(1));
+  addColourKey(host, `board error: ${digits(packed.errors[0], 2)} px`, `${digits(packed.errors[1], 2)} px or more`, `${errorColour(0)}, ${errorColour(0.5)}`, errorColour(1));
   box.camera = camera; // for whoever looks at the page with a program
 }
 
-/** Return the points that a place to look from shows, in the frame of the scene: the corners of the boards, the cameras and the cover. */
+/** Return the points that a place to look from shows, in the frame of the scene: the corners of the boards, the cameras, the borders of what they see, and the cover. */
 function scenePoints(three, boards, packed) {
   const corners = boards.flatMap(board => {
     const place = board.geometry.attributes.position;
     return Array.from({length: place.count}, (_, corner) => new three.Vector3(place.getX(corner), -place.getY(corner), -place.getZ(corner)));
   });
+  const fields = [packed, ...packed.others ?? []].flatMap(camera => {
+    const {matrix} = new three.Group();
+    if (camera.pose) matrix.set(...camera.pose);
+    return fieldBorders(camera, camera.reach[1]).flat().map(place => new three.Vector3(...place).applyMatrix4(matrix));
+  }).map(({x, y, z}) => new three.Vector3(x, -y, -z));
   const cameras = (packed.others ?? []).map(({pose}) => new three.Vector3(pose[3], -pose[7], -pose[11]));
   const glass = packed.surfaces.flatMap(surface => rows({...surface, shape: [surface.shape[0] * surface.shape[1], 3]}))
     .filter(place => place.every(Number.isFinite)).map(([x, y, z]) => new three.Vector3(x, -y, -z));
-  return [...corners, new three.Vector3(), ...cameras, ...glass];
+  return [...corners, new three.Vector3(), ...cameras, ...fields, ...glass];
 }
 
 /**
@@ -155,30 +164,45 @@ function fittingPlace(three, camera, points, direction) {
   return [at(away), at(depth)];
 }
 
-/** Add a quadrilateral for every board, with lines through its corners, and return them. */
+/** Add a quadrilateral for every board, with lines through its corners, or a box with the points of a target that is not flat, and return them. */
 function addBoards(three, world, packed, colour) {
-  const [smallest, largest] = packed.errors;
-  const points = rows(DATA.board.points), {columns} = DATA.board, count = points.length;
+  const [smallest, largest] = packed.errors, faces = packed.box ? BOX_FAINTNESS : 1;
+  const points = rows(DATA.board.points), {columns} = DATA.board, count = points.length, seen = packed.box ? pointsOfViews() : [];
   return POSES.map((pose, view) => {
-    const outline = boardOutline(view, packed.half), corners = points.map(place => onBoard(pose, place));
+    const outline = packed.box ? boxCorners(view, packed.box) : boardOutline(view, packed.half), corners = points.map(place => onBoard(pose, place));
     const geometry = new three.BufferGeometry();
     geometry.setAttribute("position", new three.Float32BufferAttribute(outline.flat(), 3));
-    geometry.setIndex([0, 1, 2, 0, 2, 3]);
+    geometry.setIndex(packed.box ? BOX_FACES : [0, 1, 2, 0, 2, 3]);
     const part = largest > smallest ? Math.min(1, Math.max(0, (VIEW_ERRORS[view] - smallest) / (largest - smallest))) : 0;
     const board = new three.Mesh(geometry, new three.MeshBasicMaterial({
-      color: new three.Color(errorColour(part)), side: three.DoubleSide, transparent: true, opacity: BOARD_OPACITY, depthWrite: false,
+      color: new three.Color(errorColour(part)), side: three.DoubleSide, transparent: true, opacity: faces * BOARD_OPACITY, depthWrite: false,
     }));
-    board.userData.view = view;
+    Object.assign(board.userData, {view, faces});
     const grid = [];
     if (count > columns) { // a target of points has no lines
       for (let first = 0; first < count; first += columns) grid.push(corners[first], corners[first + columns - 1]);
       for (let first = 0; first < columns; first += 1) grid.push(corners[first], corners[count - columns + first]);
     }
-    const border = lineSegments(three, ring(outline), () => board.material.color.clone(), "", 1);
+    const own = () => board.material.color.clone();
+    const border = lineSegments(three, packed.box ? BOX_EDGES.map(corner => outline[corner]) : ring(outline), own, "", 1);
     board.add(border, lineSegments(three, grid, colour, "--ink", 0.15));
+    if (packed.box) board.add(lineSegments(three, seen[view].flatMap(corner => cross(corners[corner], packed.half)), own, "", 1));
     world.add(board);
     return board;
   });
+}
+
+/** Return for every view the points that it shows and the figures draw. */
+function pointsOfViews() {
+  const seen = POSES.map(() => []), corners = numbers(DATA.corners.corner);
+  numbers(DATA.corners.view).forEach((view, row) => seen[view].push(corners[row]));
+  return seen;
+}
+
+/** Return the ends of three lines that cross at a point. */
+function cross(point, half) {
+  const reach = CROSS_PART * Math.max(...half);
+  return [0, 1, 2].flatMap(axis => [-reach, reach].map(step => point.map((value, place) => value + (place === axis ? step : 0))));
 }
 
 function addCover(three, world, packed) {
@@ -200,15 +224,20 @@ function addCover(three, world, packed) {
   }
 }
 
-/** Add the camera's body and the border of what it sees, from the rays of the picture's four corners, and return their lines. */
-function addCamera(three, world, packed, colour) {
-  const ways = rows(packed.border), ahead = rows(packed.borderDirection), far = packed.reach[1];
-  const borders = ways.map((way, corner) => {
+/** Return the rays of the picture's corners to a distance, m, each a list of points; without those that do not leave the cover. */
+function fieldBorders(packed, far) {
+  const ahead = rows(packed.borderDirection);
+  return rows(packed.border).map((way, corner) => {
     const points = Array.from({length: way.length / 3}, (_, step) => Array.from(way.subarray(3 * step, 3 * step + 3)));
     const last = points.at(-1);
     points.push(last.map((value, axis) => value + 1.05 * far * ahead[corner][axis]));
     return points;
   }).filter(points => points.flat().every(Number.isFinite));
+}
+
+/** Add the camera's body and the border of what it sees, from the rays of the picture's four corners, and return their lines. */
+function addCamera(three, world, packed, colour) {
+  const borders = fieldBorders(packed, packed.reach[1]);
   const segments = borders.flatMap(points => points.slice(1).flatMap((next, step) => [points[step], next]));
   if (borders.length === 4) segments.push(...ring(borders.map(points => points.at(-1))));
   const field = lineSegments(three, segments, colour, SIGHT_COLOUR, 0.8);

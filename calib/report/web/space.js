@@ -1,14 +1,14 @@
 // The session in space: shared geometry, and the cover from the side and from above.
 
 /** Return the (3,) m in the camera frame of a point on a view's board, m. */
-function onBoard([rx, ry, rz, tx, ty, tz], [x, y]) {
+function onBoard([rx, ry, rz, tx, ty, tz], [x, y, z = 0]) {
   const angle = Math.hypot(rx, ry, rz), scale = angle > 1e-12 ? Math.sin(angle) / angle : 1;
-  const half = angle > 1e-12 ? (1 - Math.cos(angle)) / angle ** 2 : 0.5, dot = rx * x + ry * y;
-  const cosine = Math.cos(angle); // Rodrigues' formula for a point with z = 0
+  const half = angle > 1e-12 ? (1 - Math.cos(angle)) / angle ** 2 : 0.5, dot = rx * x + ry * y + rz * z;
+  const cosine = Math.cos(angle); // Rodrigues' formula
   return [
-    cosine * x + scale * (-rz * y) + half * dot * rx + tx,
-    cosine * y + scale * (rz * x) + half * dot * ry + ty,
-    scale * (rx * y - ry * x) + half * dot * rz + tz,
+    cosine * x + scale * (ry * z - rz * y) + half * dot * rx + tx,
+    cosine * y + scale * (rz * x - rx * z) + half * dot * ry + ty,
+    cosine * z + scale * (rx * y - ry * x) + half * dot * rz + tz,
   ];
 }
 
@@ -17,6 +17,12 @@ const POSES = rows(DATA.views.pose);
 /** Return the four outer corners of a view's board in the camera frame, m. */
 function boardOutline(view, [halfX, halfY]) {
   return [[-halfX, -halfY], [halfX, -halfY], [halfX, halfY], [-halfX, halfY]].map(place => onBoard(POSES[view], place));
+}
+
+/** Return the eight corners of the box around a target that is not flat, in the camera frame, m. */
+function boxCorners(view, box) {
+  const ends = rows(box);
+  return Array.from({length: 8}, (_, corner) => onBoard(POSES[view], [0, 1, 2].map(axis => ends[corner >> axis & 1][axis])));
 }
 
 /** Return the rays of a view: lists of points from the lens through every surface to the corner. */

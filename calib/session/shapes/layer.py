@@ -42,9 +42,15 @@ LAYER = (
 OUTSIDE = Dimension(
     Quantity("outside_index", low=1, high=3, default=1.0, wide=UNKNOWN_OUTSIDE),
     words="the index of what is outside",
-    explanation="Refractive index of what is outside: 1 in air, 1.333 in water.",
+    explanation=(
+        "Refractive index of what is outside: 1 in air, 1.333 in water. That of water is taken to"
+        " be within 0.004."
+    ),
+    typed_explanation="Refractive index of what is outside: 1 in air, 1.333 in water.",
 )
-"""The medium outside of the glass. A fit holds its index, unless it has a sigma."""
+"""The medium outside of the glass. Air is exact, and water has a tolerance
+(`calib.session.freeing`).
+"""
 AIR, WATER = "air", "water"
 MEDIA = {AIR: 1.0, WATER: 1.333}
 """The index of each medium that a camera may look into."""

@@ -12,12 +12,11 @@ from typing import Any, Self
 import cv2
 import numpy as np
 import pytest
-import torch
 from numpy.typing import NDArray
 
 pytest.importorskip("aiohttp", reason="the extra `serve` is not installed")
 
-from calib.optics.exposure import MIDDLE
+from calib.fringes.decode import ScreenPoints
 from calib.session.shutter import Shutter
 from capture.frames import Frame
 from capture.reader import Reader
@@ -25,7 +24,7 @@ from capture.screen.eye import Eye
 from capture.screen.page import PatternPage
 from capture.screen.points_session import PointsSession
 from capture.screen.recording import ScreenRecording
-from fixtures.covered_screen import BINNING, SCREEN, CoveredCamera, full_pixels
+from fixtures.covered_screen import BINNING, SCREEN, CoveredCamera, place_errors_of
 from fixtures.point_sessions import screen_scene
 from fixtures.screen import LitScreen
 from fixtures.synthetic import HEIGHT, WIDTH
@@ -132,6 +131,10 @@ async def _record(folder: Path) -> None:
                 assert time.monotonic() - start_s < 120, (name, sentences)
                 await asyncio.sleep(0.05)
 
+        async def until_shown() -> None:
+            while not await call("document.getElementById('panel').hidden"):
+                await asyncio.sleep(0.05)
+
         await browser.do(
             "Emulation.setDeviceMetricsOverride",
             width=SCREEN.width,
@@ -168,33 +171,30 @@ async def _record(folder: Path) -> None:
             pitch = SCREEN.pitch[0]
             width, height = round(85.60e-3 / pitch), round(53.98e-3 / pitch)
             await call(FILL.format(width=width, height=height))
+            await until("aim")
+            await call(CLICK.format(name="take"))
+            await until_shown()
+            async with lock:  # the browser is closed and opened in the middle of a pose
+                await browser.arrive(page.address, "document.readyState === 'complete'")
+            await call(CLICK.format(name="full"))
             for _ in range(POSES):
                 await until("aim")
                 await call(CLICK.format(name="take"))
-                while not await call("document.getElementById('panel').hidden"):
-                    assert not running.done()
-                    await asyncio.sleep(0.05)
+                await until_shown()
             await asyncio.wait_for(running, 300)
         assert [line for line in browser.complaints if "fullscreen" not in line.lower()] == []
     print(*sentences, sep="\n")
+    assert any("page was closed" in line or "opened anew" in line for line in sentences)
     scale = session.described.pitch.value / SCREEN.pitch[0] if session.described else 0.0
     assert abs(scale - 1) < 0.005
-    for number, true in enumerate(made.poses):
+    for number in range(POSES):
         with np.load(folder / "session" / "points" / f"{number:04d}.npz") as arrays:
-            pixels, target = arrays["pixels"], arrays["target"][:, :2] / scale
-            covariance = arrays["covariance"]
-        offsets = np.array([[0, 0], [0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5]])
-        landed = []
-        for offset in offsets:
-            rays = torch.from_numpy(full_pixels(pixels + offset))
-            place, failure = made.path.land(rays, made.values, true.expand(len(rays), 6), MIDDLE)
-            assert not bool(failure.any())
-            landed.append(place.numpy())
-        slopes = np.stack([landed[1] - landed[2], landed[3] - landed[4]], -1)
-        errors = np.linalg.solve(slopes, (target - landed[0])[..., None])[..., 0]
-        squares = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariance), errors)
-        rms = float(np.sqrt((errors**2).sum(-1).mean()))
-        deviation = float(np.sqrt(squares.mean() / 2))
-        print(f"pose {number}: {len(pixels)} points, {rms:.4f} px, {deviation:.2f} sigma")
-        assert rms < 0.02
-        assert 0.8 < deviation < 1.25
+            target = arrays["target"] / scale
+            points = ScreenPoints(arrays["pixels"], target, arrays["covariance"])
+        errors = place_errors_of(made, number, points)
+        print(
+            f"pose {number}: {len(target)} points, {errors.rms_px:.4f} px,"
+            f" {errors.deviation:.2f} sigma"
+        )
+        assert errors.rms_px < 0.02
+        assert 0.8 < errors.deviation < 1.25

@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.errors import InputError
-from calib.fringes.pattern import Screen
+from calib.fringes.decode import PixelReason, decode_fringes
+from calib.fringes.pattern import WHITE, FringePlan, Screen
 from capture.screen.aim import next_stance
 from capture.screen.motion import measure_motion
 from capture.screen.period import (
@@ -19,7 +20,9 @@ from capture.screen.period import (
     trial_periods,
 )
 from capture.screen.pitch import known_pitch, pitch_of_card, pitch_of_rulers
-from capture.screen.timing import measure_timing, timing_sentences
+from capture.screen.pose import MAX_TORN, loss_sentence
+from capture.screen.timing import lit_pixels, measure_timing, timing_sentences
+from capture.screen.torn import torn_share
 from fixtures.screen import ScreenCamera
 
 SCREEN = Screen(420, 320, (2e-4, 2e-4))
@@ -142,3 +145,33 @@ def test_the_next_stance_names_the_part_that_has_no_points() -> None:
     corner = pixels[~((u > 430) & (v > 320))]
     assert "bottom right" in next_stance([corner], 640, 480, 1)
     assert "over" not in next_stance([pixels, pixels], 640, 480, 2)
+
+
+def test_a_picture_of_two_patterns_is_torn() -> None:
+    """So is a picture of the pattern before. Gamma, noise and blur are no reason."""
+    plan = FringePlan(SCREEN, 20.0)
+    flat = np.zeros((SCREEN.height, SCREEN.width), np.uint8)
+    for camera in (CAMERA, replace(CAMERA, gamma=2.8, noise=6.0), replace(CAMERA, blur=3.0)):
+        black, white = camera.photograph(SCREEN, [flat, flat + np.uint8(WHITE)], seed=9)
+        lit = lit_pixels(black, white)
+        frames = camera.photograph(SCREEN, plan.draw())
+        assert torn_share(frames, plan, black, white, lit) < MAX_TORN / 10
+        for number in (1, 2, 9, 20, 31):
+            for rows in (slice(None), slice(15)):
+                torn = [frame.copy() for frame in frames]
+                torn[number][rows] = frames[number - 1][rows]
+                share = torn_share(torn, plan, black, white, lit)
+                assert share > 2 * MAX_TORN, (number, rows)
+
+
+def test_a_person_reads_why_a_part_of_the_screen_has_no_points() -> None:
+    """The left quarter of the picture is saturated."""
+    plan = FringePlan(SCREEN, 20.0)
+    frames = CAMERA.photograph(SCREEN, plan.draw())
+    assert loss_sentence(decode_fringes(frames, plan), ALL) == ""
+    bright = [frame.copy() for frame in frames]
+    bright[1][:, :20] = WHITE
+    decoded = decode_fringes(bright, plan)
+    assert decoded.counts()[PixelReason.DECODED] > 0.5 * ALL.size
+    sentence = loss_sentence(decoded, ALL)
+    assert "% of the screen has no points: shorten the exposure" in sentence

@@ -54,11 +54,15 @@ def test_the_page_shows_the_straight_pictures_and_its_controls_change_them(
         expected = served.straightener.straighten(pictures[0]).copy()
         await check(page, expected)
         assert await page.until("document.querySelector('[name=depth]').value === '0.5'")
+        label = "document.getElementById('depth-label').textContent"
+        assert await page.call(label) == "depth, m"
+        served.depth_image = "depth.png"
         await page.call(TYPE.format(name="depth", value="0.1"))
         await page.call(TYPE.format(name="scale", value="0.5"))
         view = StreamView(0.1, None, 0.5)
         await check(page, view.undistorter(calibration).undistort(pictures[0]))
         assert served.straightener.view == view
+        assert await page.call(label) == "depth where unknown, m"
         await page.call(TYPE.format(name="depth", value="-1"))
         problem = "document.getElementById('problem').textContent"
         assert await page.until(f"{problem} !== ''")

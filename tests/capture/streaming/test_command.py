@@ -90,6 +90,18 @@ def test_ffmpeg_reads_the_pictures(
     assert 0 < result["latency_ms"]["median"] <= result["latency_ms"]["maximum"]
 
 
+def test_a_depth_for_each_pixel(saved: Path, recording: Path, tmp_path: Path) -> None:
+    path = tmp_path / "depth.png"
+    cv2.imwrite(str(path), np.full(SIZE[::-1], 500, np.uint16))
+    stream = streaming(saved, recording, "--to", "-", "--pixels", "raw", "--depth-image", str(path))
+    straight, errors = stream.communicate(timeout=HANGS_S)
+    assert stream.returncode == 0, errors
+    assert len(straight) == COUNT * SIZE[0] * SIZE[1] * 3
+    result = result_of(errors)
+    assert (result["frames"], result["depth_images"]) == (COUNT, 1)
+    assert result["view"] == {"depth": 0.5, "crop": None, "scale": 1.0}, "of unknown pixels"
+
+
 @pytest.fixture
 def camera(pictures: list[np.ndarray], tmp_path: Path) -> Path:
     """A recording that is played like a camera, for a minute."""
@@ -163,7 +175,7 @@ def test_http_prints_its_address_and_the_result_on_stdout(saved: Path, camera: P
         (("--to", "http:x"), 2, "'x' is not a port: write a whole number up to 65535"),
         (("--to", "-", "--to", "window"), 2, "both need stdout: leave one of them out"),
         (("--to", "http", "--to", "http:8081"), 2, "--to names http twice: name it once"),
-        (("--to", "window"), 2, "There is no terminal to show the window in"),
+        (("--to", "window"), 2, "This is not a terminal, which --to window needs"),
         (("--to", "v4l2:/dev/video77"), 4, "/dev/video77 is not there: make it by sudo modprobe"),
         (("--to", "/dev/video77"), 4, "/dev/video77 is not there: make it by sudo modprobe"),
         (("--to", "http:0", "--scale", "9"), 2, "scale is 9: write a number from 0.05 to 4"),

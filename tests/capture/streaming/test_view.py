@@ -51,9 +51,9 @@ def test_sizes_are_even(calibration: Calibration, scale: float) -> None:
     [
         ({"depth": 0}, "depth is 0: write metres above 0"),
         ({"depth": float("nan")}, "depth is nan: write metres above 0"),
-        ({"depth": None}, "depth is None: give a real number"),
         ({"depth": "1"}, "depth is '1': give a real number"),
         ({"crop": 1.5}, "crop is 1.5: write 0 for valid pixels only"),
+        ({"scale": None}, "scale is None: give a real number"),
         ({"scale": 0.01}, "scale is 0.01: write a number from 0.05 to 4"),
         ({"zoom": 1}, "zoom is not of a view: write depth, crop, scale"),
     ],

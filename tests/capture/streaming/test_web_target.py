@@ -36,13 +36,15 @@ class Served:
         self.target = WebTarget(
             "127.0.0.1", 0, self.straightener.change, self.state, self.remarks.tell
         )
+        self.depth_image: str | None = None
         self.shown = 0
         self._picture = picture
         self._over = threading.Event()
 
     def state(self) -> Mapping[str, object]:
         view = self.straightener.view
-        return {"view": {"depth": view.depth, "crop": view.crop, "scale": view.scale}, "counts": ""}
+        numbers = {"depth": view.depth, "crop": view.crop, "scale": view.scale}
+        return {"view": numbers, "depth_image": self.depth_image, "counts": ""}
 
     @contextmanager
     def running(self) -> Iterator["Served"]:

@@ -10,6 +10,7 @@ from textual.pilot import Pilot
 
 from calib.calibration import Calibration
 from capture.sources.folder import FolderSource
+from capture.streaming.depth_file import DepthFile
 from capture.streaming.straightener import Straightener
 from capture.streaming.stream import Stream
 from capture.streaming.view import StreamView
@@ -28,9 +29,21 @@ def slow(pictures: list[np.ndarray], tmp_path: Path) -> Path:
     return write_recording(tmp_path, pictures[:3], LONG_S)
 
 
-def opened(calibration: Calibration, folder: Path, **options: bool) -> StreamApp:
+def opened(
+    calibration: Calibration,
+    folder: Path,
+    *,
+    fixed_size: bool = False,
+    depth_image: Path | None = None,
+) -> StreamApp:
     app = StreamApp()
-    straightener = Straightener(calibration, StreamView(0.5), tell=app.tell, **options)
+    straightener = Straightener(
+        calibration,
+        StreamView(None if depth_image else 0.5),
+        fixed_size=fixed_size,
+        depth_file=DepthFile(depth_image, 0.1, app.tell) if depth_image else None,
+        tell=app.tell,
+    )
     app.attach(Stream(partial(FolderSource, folder, 1.0), straightener, [app], app), straightener)
     return app
 
@@ -81,6 +94,23 @@ def test_a_size_that_is_fixed_is_told(calibration: Calibration, slow: Path) -> N
 
     run(app, story)
     assert app.return_value == "interrupted"
+
+
+def test_a_depth_image_has_no_depth_to_change(
+    calibration: Calibration, slow: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "depth.npy"
+    np.save(path, np.full((246, 328), 0.5, np.float32))
+    app = opened(calibration, slow, depth_image=path)
+
+    async def story(pilot: Pilot) -> None:
+        await see(pilot, "straight by the depth image, crop as the camera, scale 1, 328x246 px")
+        await pilot.press("up")
+        await see(pilot, "Each pixel has its own depth.")
+        await pilot.press("q")
+        await until(pilot, lambda: app._exit)
+
+    run(app, story)
 
 
 def test_the_end_of_the_source_ends_the_window(calibration: Calibration, recording: Path) -> None:

@@ -46,6 +46,10 @@ CONTROL = 2
 CODES = {"Enter": 13, "Escape": 27, "Tab": 9, "ArrowDown": 40}
 
 
+class NavigatedError(Exception):
+    """The page went to another address while it was asked."""
+
+
 class Browser:
     """One page."""
 
@@ -64,6 +68,8 @@ class Browser:
             message = await self._socket.receive_json(timeout=600)
             self._note(message.get("method", ""), message.get("params", {}))
             if message.get("id") == self._asked:
+                if "navigated" in message.get("error", {}).get("message", ""):
+                    raise NavigatedError(message)
                 assert "error" not in message, message
                 result: dict[str, Any] = message["result"]
                 return result
@@ -81,6 +87,13 @@ class Browser:
     async def evaluate(self, script: str) -> Any:
         return (await self.do("Runtime.evaluate", expression=script))["result"].get("value")
 
+    async def holds(self, condition: str) -> bool:
+        """Return whether a condition holds, and false while the page goes to another address."""
+        try:
+            return bool(await self.evaluate(condition))
+        except NavigatedError:
+            return False
+
     async def arrive(self, address: str, ready: str) -> None:
         """Open a page, and wait until this condition holds on it."""
         await self.do("Runtime.enable")
@@ -88,7 +101,7 @@ class Browser:
         await self.do("Page.addScriptToEvaluateOnNewDocument", source=HOOK)
         await self.do("Page.navigate", url=address)
         start_s = time.monotonic()
-        while not await self.evaluate(ready):
+        while not await self.holds(ready):
             assert time.monotonic() - start_s < 240, f"{address} never got so far: {ready}"
             await asyncio.sleep(0.1)
 

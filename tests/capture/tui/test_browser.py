@@ -56,7 +56,7 @@ async def _from_nothing(address: str, session: Path, size: tuple[int, int], fold
         await _keep(browser, size, "2-set-up")
         await browser.press("^s")
         await browser.see("[WITHOUT COVER]")
-        await browser.see("Press n to go on")
+        await browser.see("Press n, then put the cover on")
         await _keep(browser, size, "3-without-cover")
         await browser.press("n")
         await browser.see("NOW PUT THE COVER ON")

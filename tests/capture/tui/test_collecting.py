@@ -9,9 +9,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from textual.pilot import Pilot
 
+from capture.frames import Frame
+from capture.gate import KNOWN_VIEW, MOTION_BLUR, FrameDecision
+from capture.live_detection import LiveDetection
+from capture.recording_loop import Step
 from capture.session_file import read_setup
-from capture.tui import collect
+from capture.tui import collect, undistortion_page
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
 from capture.tui.fit import FitScreen
@@ -19,6 +24,7 @@ from capture.tui.mirror import describe_screen
 from capture.tui.page import Line
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
+from capture.tui.undistortion_page import UndistortionPage
 from tests.capture.recordings import noise, write_recording
 from tests.capture.tui.driving import burst, drive, running, see, shown, until
 from tests.capture.tui.test_session import FIXTURE
@@ -119,7 +125,8 @@ async def _pressed(session: Path) -> None:
     async with running(session, f"folder:{session / 'frames'}") as pilot:
         await see(pilot, "continued")
         await pilot.press("ctrl+s")
-        await see(pilot, "no more pictures. Press o to look through it again")
+        await see(pilot, "pictures. Press o to look through it again, esc to name another source.")
+        assert "Not taken" not in shown(pilot), "the session has them all"
         await see(pilot, "A fit needs 3 views and there are 2: take 1 more view.")
         assert "Take now" not in shown(pilot)
         keys = describe_screen(pilot.app)["keys"]
@@ -134,6 +141,42 @@ async def _pressed(session: Path) -> None:
         await until(pilot, lambda: pilot.app.screen.query_one(Picture).updates >= updates + 2)
         await see(pilot, "no more pictures. Press o to look through it again")
         assert "2 views" in shown(pilot)
+
+
+def test_a_source_that_has_ended_is_not_looked_through_again_unasked(
+    tmp_path: Path, empty: Path
+) -> None:
+    shutil.copytree(FIXTURE, tmp_path / "session")
+    drive(_ended(tmp_path / "session", empty))
+
+
+async def _ended(session: Path, empty: Path) -> None:
+    """The help is closed; then a picture is set aside, as in the results."""
+    async with running(session, f"folder:{empty}") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("ctrl+s")
+        await see(pilot, "There are no more pictures. Press f to fit")
+        screen = pilot.app.screen
+        assert isinstance(screen, CollectScreen)
+        starts: list[int] = []
+        start = screen._start
+
+        def counted_start() -> None:
+            starts.append(1)
+            start()
+
+        screen._start = counted_start  # type: ignore[method-assign]
+        await pilot.press("question_mark")
+        await see(pilot, "A camera behind a cover")
+        await pilot.press("escape")
+        await see(pilot, "There are no more pictures. Press f to fit")
+        assert not starts
+        next((session / "frames").glob("*.jpg")).unlink()
+        await pilot.press("question_mark")
+        await see(pilot, "A camera behind a cover")
+        await pilot.press("escape")
+        await until(pilot, lambda: bool(starts))
+        await see(pilot, "11 views")
 
 
 def test_a_fit_before_there_are_enough_views_is_doubted_once(
@@ -159,6 +202,121 @@ async def _too_few(session: Path, slow: Path) -> None:
         assert "[THROUGH COVER]" in shown(pilot)
         await pilot.press("f")
         await see(pilot, "[FIT]")
+
+
+def test_once_there_are_enough_views_the_fit_is_the_next_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(FIXTURE, session)
+    for picture in sorted((session / "frames").glob("*.jpg"))[3:]:
+        picture.unlink()
+    slow = write_recording(tmp_path / "slow", noise(2, 820, 616), 600.0)
+    drive(_enough(session, slow, monkeypatch))
+
+
+async def _enough(session: Path, slow: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async with running(session, f"folder:{slow}?speed=1") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("ctrl+s")
+        await until(pilot, lambda: pilot.app.screen.query_one(Panel).progress is not None)
+        screen = pilot.app.screen
+        assert isinstance(screen, CollectScreen)
+        await until(pilot, lambda: screen.recording is not None and screen._judged_pictures > 0)
+        assert main_button(pilot) == "Take now"
+        monkeypatch.setattr(CollectScreen, "is_enough", lambda *_: True)
+        screen.show_hint(None, screen.query_one(Panel).progress)
+        await see(pilot, "ENOUGH: press f to fit. There are enough views. More do no harm.")
+        assert main_button(pilot) == "Fit"
+        assert screen.recording
+        frame = Frame(np.zeros((616, 820), np.uint8), 0, 0.0)
+        for sentence in (KNOWN_VIEW, MOTION_BLUR, KNOWN_VIEW):
+            decision = FrameDecision(False, sentence)
+            screen.show_step(
+                screen.recording, Step(frame, LiveDetection(None, 820, 616, 0.0), decision, None, 3)
+            )
+            wanted = sentence if sentence == MOTION_BLUR else "ENOUGH: press f to fit."
+            await see(pilot, wanted)
+            assert "move the board elsewhere" not in " ".join(shown(pilot).split())
+        assert button(pilot, "Auto")["pressed"] is True
+        await pilot.press("a")
+        assert button(pilot, "Auto")["pressed"] is False
+        assert button(pilot, "Fit")["pressed"] is None
+
+
+def fitted_session(folder: Path) -> Path:
+    """Return a copy of the fixture with an empty calibration."""
+    shutil.copytree(FIXTURE, folder)
+    (folder / "calibration").mkdir()
+    (folder / "calibration" / "calibration.yaml").touch()
+    return folder
+
+
+def test_a_page_reaches_the_results_while_pictures_come(tmp_path: Path) -> None:
+    slow = write_recording(tmp_path / "slow", noise(2, 820, 616), 600.0)
+    drive(_reached(fitted_session(tmp_path / "session"), slow))
+
+
+async def _reached(session: Path, slow: Path) -> None:
+    async with running(session, f"folder:{slow}?speed=1") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("ctrl+s")
+        await see(pilot, "12 views")
+        screen = pilot.app.screen
+        assert isinstance(screen, CollectScreen)
+        assert screen.recording
+        await see(pilot, "u Undistort m Dots esc Set-up ? Help q Quit")  # all that 80 columns take
+        pilot.app.on_phone = True  # type: ignore[attr-defined]
+        assert {"Take now", "Results", "Undistort"} <= {key["label"] for key in buttons(pilot)}
+        pilot.app.on_phone = False  # type: ignore[attr-defined]
+        await pilot.resize_terminal(100, 30)
+        screen.refresh_bindings()
+        await see(pilot, "u Undistort ^o Results m Dots esc Set-up ? Help q Quit")
+
+
+def test_that_maps_are_being_computed_stays_until_they_come(
+    tmp_path: Path, empty: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(UndistortionPage, "_listen_to", lambda *_: None)
+    monkeypatch.setattr(undistortion_page, "SHORT_MESSAGE_S", 0.2)
+    drive(_computed(fitted_session(tmp_path / "session"), empty))
+
+
+async def _computed(session: Path, empty: Path) -> None:
+    async with running(session, f"folder:{empty}") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("ctrl+s")
+        ending = "There are no more pictures. Press ^o for the results, f to fit anew."
+        await see(pilot, ending)
+        await see(pilot, "u Undistort")
+        screen = pilot.app.screen
+        assert isinstance(screen, CollectScreen)
+        screen._make(0.48)
+        screen._message_until = 0.0  # some seconds later
+        await pilot.press("question_mark", "escape")
+        await see(pilot, "The maps for 0.48 m are being computed.")
+        await see(pilot, "u As it is")
+        await pilot.press("u")
+        await see(pilot, "The picture is shown as it is.")
+        await see(pilot, "u Undistort")
+        await see(pilot, ending)
+
+
+def main_button(pilot: Pilot[None]) -> str:
+    """Return the label of a page's main button, which is in the first row."""
+    main = [key for key in buttons(pilot) if key["main"] and key["top"]]
+    assert len(main) == 1
+    return str(main[0]["label"])
+
+
+def button(pilot: Pilot[None], label: str) -> dict[str, object]:
+    return next(key for key in buttons(pilot) if key["label"] == label)
+
+
+def buttons(pilot: Pilot[None]) -> list[dict[str, object]]:
+    keys = describe_screen(pilot.app)["keys"]
+    assert isinstance(keys, list)
+    return keys
 
 
 def test_the_glass_has_a_map_of_its_own_once_that_is_computed(tmp_path: Path, empty: Path) -> None:

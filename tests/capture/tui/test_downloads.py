@@ -5,9 +5,13 @@ page itself, and nothing else of this machine with them.
 import http.client
 import io
 import os
+import re
+from base64 import b64decode
 from pathlib import Path
 from zipfile import ZipFile
 
+import cv2
+import numpy as np
 import pytest
 
 pytest.importorskip("textual_serve", reason="the extra `serve` is not installed")
@@ -15,9 +19,12 @@ pytest.importorskip("textual_serve", reason="the extra `serve` is not installed"
 import asyncio
 
 from aiohttp import ClientSession
+from aiohttp.test_utils import make_mocked_request
+from aiohttp.web import Response
 
 from calib.cli import main
-from capture.offered_files import CHUNK_BYTES, archive_chunks
+from capture.offered_files import CHUNK_BYTES, archive_chunks, send_files
+from capture.picture_pair import MAX_WIDTH, pair_page
 from capture.tui.downloads import OPEN_REPORT, find_downloads
 from tests.capture.tui.test_phone_link import Page
 from tests.capture.tui.test_serve import Served
@@ -60,7 +67,9 @@ def test_what_is_older_than_the_fit_or_lies_elsewhere_is_not_offered(tmp_path: P
     assert download.files == (elsewhere.resolve(),)
 
 
-def test_straight_pictures_are_offered_by_their_depth_and_one_by_itself(tmp_path: Path) -> None:
+def test_straight_pictures_are_offered_by_their_depth_and_one_beside_its_original(
+    tmp_path: Path,
+) -> None:
     calibration = tmp_path / "s" / "calibration" / "calibration.yaml"
     calibration.parent.mkdir(parents=True)
     calibration.write_text("format: 1")
@@ -70,10 +79,39 @@ def test_straight_pictures_are_offered_by_their_depth_and_one_by_itself(tmp_path
     for picture in pictures:
         picture.parent.mkdir(parents=True)
         picture.write_bytes(b"png")
-    archive, one = find_downloads(tmp_path / "s", calibration, pictures)
+    original = tmp_path / "s" / "frames" / "0000.png"
+    (archive,) = find_downloads(tmp_path / "s", calibration, pictures)
+    original.parent.mkdir()
+    original.write_bytes(b"png")
+    archive, pair = find_downloads(tmp_path / "s", calibration, pictures)
     assert archive.label == "Download pictures, 0.5m, 1m (0.0 MB)"
     assert archive.name == "s-straight_0.5m-straight_1m.zip"
-    assert (one.label, one.files) == ("See one, 0.5m", (pictures[0].resolve(),))
+    assert pair.label == "See before and after, 0.5m"
+    assert pair.name == "before-and-after-0.5m.html"
+    assert pair.files == (original.resolve(), pictures[0].resolve())
+
+
+def test_a_pair_is_a_page_by_itself(tmp_path: Path) -> None:
+    """A picture of 16 bits and one in colour, both too wide for a phone, become readable JPEG."""
+    original = tmp_path / "a&b.png"
+    straight = tmp_path / "straight_0.5m" / original.name
+    straight.parent.mkdir()
+    cv2.imwrite(str(original), np.full((20, 2 * MAX_WIDTH), 40000, np.uint16))
+    cv2.imwrite(str(straight), np.full((20, 2 * MAX_WIDTH, 3), (0, 0, 250), np.uint8))
+    page = pair_page(original, straight)
+    assert "a&amp;b.png, as the camera took it" in page
+    assert "straight at a depth of 0.5 m" in page
+    jpegs = [b64decode(data) for data in re.findall(r'src="data:image/jpeg;base64,([^"]*)"', page)]
+    pictures = [np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), -1)) for data in jpegs]
+    assert [picture.shape for picture in pictures] == [(10, MAX_WIDTH), (10, MAX_WIDTH, 3)]
+    assert pictures[1][5, 5, 2] > 240
+    request = make_mocked_request("GET", "/files/key/before-and-after-0.5m.html")
+    answer = asyncio.run(send_files(request, (original, straight)))
+    assert isinstance(answer, Response)
+    assert (answer.status, answer.text) == (200, page)
+    assert "sandbox" in answer.headers["Content-Security-Policy"]
+    original.write_bytes(b"not a picture")
+    assert asyncio.run(send_files(request, (original, straight))).status == 404
 
 
 @pytest.mark.slow

@@ -71,7 +71,7 @@ def test_accepted_effects_are_shown_with_the_errors_before_and_after() -> None:
 
 
 def test_people_are_told_in_plain_words_and_programs_as_ever() -> None:
-    assert FOCAL.outcome == "the fit's own numbers imitate it"
+    assert FOCAL.outcome == "these views cannot tell it from fitted numbers"
     assert [
         candidate["verdict"]
         for candidate in FINDING.as_json()["candidates"]

@@ -25,6 +25,7 @@ from capture.tui.export import (
     parse_depths,
     warn_of_distance,
 )
+from capture.tui.mirror import describe_screen
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 
 
@@ -377,6 +378,17 @@ async def _late(session: Path, changed: Event) -> None:
             lambda: any("Wrote map_1m.npz" in item.message for item in pilot.app._notifications),
         )
         assert "'1m' is not a depth" in shown(pilot)
+
+
+def test_the_program_can_be_ended_from_here(tmp_path: Path) -> None:
+    """A page for a thumb has Quit in its menu on every screen."""
+    drive(_end(tmp_path))
+
+
+async def _end(session: Path) -> None:
+    async with exporting(session) as pilot:
+        keys: list[dict[str, str]] = describe_screen(pilot.app)["keys"]  # type: ignore[assignment]
+        assert [key["key"] for key in keys if key["label"] == "Quit"] == ["ctrl+q"]
 
 
 def test_the_next_command_has_the_depth_of_the_last_export(

@@ -136,7 +136,7 @@ async def _asked(session: Path) -> None:
         await see(pilot, "continued")
         await pilot.press("ctrl+s")
         await see(pilot, "u Undistort")
-        await see(pilot, "There are no more pictures. Press f to fit anew, ^o for the results,")
+        await see(pilot, "There are no more pictures. Press f to fit anew, ^o for the results.")
         assert (
             "a Auto f Fit o Reopen u Undistort ^o Results m Dots esc Set-up ? Help q Quit"
             in shown(pilot)
@@ -154,7 +154,9 @@ async def _asked(session: Path) -> None:
         await see(pilot, "is not a depth")
         await write(pilot, "0.5")
         await pilot.press("ctrl+s")
-        await see(pilot, "Undistorted for 0.5 m")
+        await see(pilot, "The maps for 0.5 m are being computed.")
+        await see(pilot, "Undistorted for 0.5 m.")
+        await see(pilot, "u As it is")
         assert np.abs(screen._preview.image.astype(float) - bent).mean() > 1
         await see(pilot, LINE_MARK)
         await pilot.press("u")

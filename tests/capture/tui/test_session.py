@@ -26,7 +26,7 @@ async def _whole_session(size: tuple[int, int], session: Path) -> None:
         await describe(pilot, f"folder:{FIXTURE / 'bare'}")
         await pilot.press("ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
-        await see(pilot, "There are no more pictures. Press n to go on")
+        await see(pilot, "There are no more pictures. Press n, then put the cover on.")
         assert len(list((session / "bare").glob("*.png"))) == 12
         assert "12 views" in shown(pilot)
 

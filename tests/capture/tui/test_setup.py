@@ -3,15 +3,19 @@ help.
 """
 
 import asyncio
+import shutil
 from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from textual.app import App
 from textual.widgets import Input, Select, Static
 
 from capture.session_file import read_setup
+from capture.tui.mirror import describe_screen
+from capture.tui.row import ASSUMED
 from tests.capture.tui.driving import CONE, burst, describe, drive, running, see, shown, until
 from tests.capture.tui.test_session import FIXTURE
 from tests.fuzz.keys import walk
@@ -66,6 +70,47 @@ async def _refused(session: Path, source: str) -> None:
         await until(pilot, lambda: not radius.has_class("wrong"))
         await pilot.press("2", "0", "ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
+
+
+def test_what_is_needed_and_what_is_assumed_says_so(tmp_path: Path) -> None:
+    drive(_assumed(tmp_path / "session"))
+
+
+async def _assumed(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session. Fill in what is needed, check what is assumed.")
+        await see(pilot, "source needed")
+        await see(pilot, "cover shape cone ▼ assumed")
+        await see(pilot, "tilt_deg 0, 0 assumed")
+        await see(pilot, "refractive_index 1.5 assumed")
+        labels = {str(block.get("label")) for block in _page_blocks(pilot.app)}
+        assert {"tilt (degrees) (assumed)", "thickness (mm)", "axis offset x, z (mm)"} <= labels
+        assert "outside index: 1 in air, 1.333 in water (assumed)" in labels
+        form = pilot.app.screen
+        next(f for f in form.query(Input) if f.name == "refractive_index").value = "1.49"
+        form.query_one("#shape", Select).value = "dome"
+        await see(pilot, "cover shape dome ▼")
+        await see(pilot, "refractive_index 1.49 outside_index 1 assumed")
+        assert "refractive index" in {str(block.get("label")) for block in _page_blocks(pilot.app)}
+
+
+def test_what_a_session_says_is_not_assumed(tmp_path: Path) -> None:
+    shutil.copytree(FIXTURE, tmp_path / "session")
+    drive(_stated(tmp_path / "session"))
+
+
+async def _stated(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "refractive_index 1.5")
+        assert "assumed" not in shown(pilot)
+
+
+def _page_blocks(app: App[None]) -> list[dict[str, object]]:
+    """Return the blocks of the screen as a phone's page has them."""
+    blocks = describe_screen(app)["blocks"]
+    assert isinstance(blocks, list)
+    assert ASSUMED not in [block.get("text") for block in blocks]
+    return blocks
 
 
 def test_letters_do_not_overtake_the_keys_that_edit(tmp_path: Path) -> None:
@@ -152,6 +197,7 @@ async def _unknown(session: Path) -> None:
 
 
 def test_numbers_survive_a_change_of_the_shape(tmp_path: Path) -> None:
+    """A cover of unknown shape begins with unknown numbers."""
     drive(_reshaped(tmp_path / "session"))
 
 
@@ -163,6 +209,10 @@ async def _reshaped(session: Path) -> None:
         def texts() -> dict[str | None, str]:
             return {field.name: field.value for field in pilot.app.screen.query(Input)}
 
+        shape.value = "unknown"
+        await until(pilot, lambda: texts().get("thickness_mm") == "unknown")
+        shape.value = "cone"
+        await until(pilot, lambda: "inner_radius_mm" in texts())
         fields = {field.name: field for field in pilot.app.screen.query(Input)}
         fields["thickness_mm"].value = "3"
         fields["inner_radius_mm"].value = "40+-5"

@@ -26,7 +26,7 @@ async def _both_halves(session: Path, brief: Path) -> None:
         await see(pilot, "a new session")
         await describe(pilot, f"folder:{brief}?speed=max")
         await pilot.press("ctrl+s")
-        await see(pilot, "no more pictures. Press n to go on")
+        await see(pilot, "no more pictures. Press n, then put the cover on.")
         assert not (session / "frames").exists()
         await pilot.press("n")
         await see(pilot, "pictures through it as well: ^s goes on with those.")
@@ -109,6 +109,28 @@ async def _doubted(session: Path) -> None:
         await pilot.press("ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
         await see(pilot, "3 views")
+
+
+def test_the_pictures_of_the_bare_step_are_refused_for_the_covered_one(tmp_path: Path) -> None:
+    session, camera = tmp_path / "session", tmp_path / "camera"
+    camera.mkdir()
+    shutil.copy(FIXTURE / "bare" / "0001.jpg", camera)
+    (session / "bare").mkdir(parents=True)
+    shutil.copy(FIXTURE / "session.yaml", session)
+    shutil.copy(camera / "0001.jpg", session / "bare")
+    drive(_refused_repeat(session, camera))
+    assert not (session / "frames").exists()
+
+
+async def _refused_repeat(session: Path, camera: Path) -> None:
+    async with running(session, f"folder:{camera}") as pilot:
+        await see(pilot, "1 view without cover")
+        pilot.app.screen.query_one("#phase", Select).value = "covered"
+        for _ in range(2):  # a second start does not accept it
+            await pilot.press("ctrl+s")
+            await see(pilot, "has the pictures that were recorded without the cover")
+            await until(pilot, lambda: pilot.app.focused is pilot.app.screen.query_one("#source"))
+        assert "[SET-UP]" in shown(pilot)
 
 
 @pytest.mark.slow

@@ -320,7 +320,7 @@ async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
     reasons = [
         (
             "the error is 0.227 px, 4.8 times the corners' noise of about 0.047 px: it may be"
-            " board_shape, which would lower it by 87 %."
+            " board_shape. A fit with board_shape would have 87 % less error."
         ),
         (
             "cover.thickness 5.49 ± 0.43 mm, declared as 3.00 ± 0.50 mm, 9.8 standard deviations"

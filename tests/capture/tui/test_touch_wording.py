@@ -31,8 +31,13 @@ LABELS = {
         ("From 10 views on you may go on (f).", "From 10 views on you may go on (Fit)."),
         ("Press a to add one.", "Touch Add to add one."),
         ("Look at it, and write cover.shape in session.yaml.", "Look at it, and write shape in the Set-up."),  # noqa: E501
+        ("Look, and type `calib fit a/b --cover cone` or `--cover flat`.", "Look, and choose its shape in the Set-up."),  # noqa: E501
+        ("A cover first (try `calib fit s --cover unknown`).", "A cover first (choose the shape unknown in the Set-up)."),  # noqa: E501
+        ("source is empty: write one.", "'pictures from' is empty: write one."),
         ("The set-up: board.square_mm is 0: write a number.", "square (mm) is 0: write a number."),
         ("The set-up: cover.tilt_deg is 1: write two.", "tilt (degrees) is 1: write two."),
+        ("cover.thickness_mm is -1: write a number in millimetres, or unknown.", "thickness (mm) is -1: write a number in millimetres, or touch 'not known'."),  # noqa: E501
+        ("1 % is black. Type --crop 0 for a picture with no black border.", "1 % is black."),
         ("Hold a board, a large one, or a to b.", "Hold a board, a large one, or a to b."),
         ("Press n, then put the cover on.", "Press n, then put the cover on."),
         ("The focus is f, as before: expressed in px.", "The focus is f, as before: expressed in px."),  # noqa: E501

@@ -92,12 +92,13 @@ class Telephone(Browser):
             )
             await asyncio.sleep(0.1)
 
-    async def sees_whole(self, what: str) -> bool:
-        """Return True if the whole element that this script finds can be seen."""
-        return bool(await self.evaluate(VISIBLE % what))
-
     async def resize(self, size: tuple[int, int]) -> None:
         """Set the size of the page, points: an open keyboard takes a part of its height."""
+        await self.emulate(size)
+        await self.until(f"innerWidth === {size[0]} && innerHeight === {size[1]}")
+
+    async def emulate(self, size: tuple[int, int]) -> None:
+        """Set the size of the screen, points, which the next page of an address will have."""
         await self.do(
             "Emulation.setDeviceMetricsOverride",
             width=size[0],
@@ -206,7 +207,7 @@ async def telephone(
     """Open a page that shows this address."""
     async with connected(profile, DENSE) as socket:
         phone = Telephone(socket)
-        await phone.resize(size)
+        await phone.emulate(size)
         await phone.do("Emulation.setTouchEmulationEnabled", enabled=True)
         await phone.arrive(address, f'document.body.classList.contains("-shown") && {WORDS} !== ""')
         yield phone

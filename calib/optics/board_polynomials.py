@@ -5,6 +5,7 @@ the outermost corners.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 
 import numpy as np
 import torch
@@ -41,6 +42,34 @@ def powers(coordinate: Tensor, half: float, degree: int) -> tuple[Tensor, Tensor
         [torch.ones_like(clamped), *clamped.expand(degree, *clamped.shape).cumprod(0)]
     )
     return table, (scaled.abs() < RIM).to(coordinate.dtype)
+
+
+@cache
+def bend_monomials(terms: tuple[Term, ...]) -> Tensor:
+    """Return the (n, orders^2) coefficients of the products u^a v^b in each term of a bend. Degree
+    2 is 1 - u^2, u v and 1 - v^2: zero at the edges, with a mean that is not zero.
+    """
+    table = monomials(terms)
+    for row, term in zip(table, terms, strict=True):
+        if term in ((2, 0), (0, 2)):
+            row[:] = 0.0
+            row[0, 0], row[term] = 1.0, -1.0
+    return torch.from_numpy(table).flatten(1)
+
+
+def bend_weights(terms: tuple[Term, ...], u: Tensor, v: Tensor) -> Tensor:
+    """Return the (..., n) height of each term of a bend at the (degree + 1, ...) powers of u and v,
+    for a size of 1.
+    """
+    products = (u.unsqueeze(1) * v).flatten(0, 1).movedim(0, -1)
+    return products @ bend_monomials(terms).to(u).mT
+
+
+def bend_sigma(sigma: float, term: Term) -> float:
+    """Return the prior standard deviation of a term of a bend, where `sigma` is that of degree 2.
+    It falls with the square of the degree, as the curvature of a term grows with it.
+    """
+    return sigma * (2 / sum(term)) ** 2
 
 
 def monomials(terms: Iterable[Term]) -> NDArray[np.float64]:

@@ -1,0 +1,30 @@
+"""The sentence on an error beyond the noise: what may cause it, and how much that would explain."""
+
+from dataclasses import replace
+
+import pytest
+
+from calib.calibration import Calibration
+from calib.effects.board_scale import BoardScale
+from calib.effects.lens import LensEffect
+from calib.verdict import residual as module
+from calib.verdict.residual import residual
+from tests.verdict.cases import asked
+
+
+def test_each_suspected_effect_says_how_much_it_explains(
+    good: Calibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noisy = replace(good, noise_px=0.1 * good.stages[-1].rms_px)
+    lens, scale = LensEffect(), BoardScale()
+    monkeypatch.setattr(module, "_explains", lambda *_: True)
+    monkeypatch.setattr(module, "likely_effects", lambda _: [(lens, 0.58), (scale, 0.3)])
+    (reason,) = asked(residual, noisy)
+    assert (
+        ": it may be lens (the distortion of the lens differs from the fitted one), or board_scale"
+        " (the print is longer in one direction than in the other). A fit with lens would have"
+        " 58 % less error, with board_scale 30 %."
+    ) in reason.sentence
+    monkeypatch.setattr(module, "likely_effects", lambda _: [(scale, 0.3)])
+    (reason,) = asked(residual, noisy)
+    assert "). A fit with board_scale would have 30 % less error." in reason.sentence
