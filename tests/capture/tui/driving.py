@@ -12,6 +12,7 @@ from textual.events import Key
 from textual.pilot import Pilot
 
 from capture.tui.app import CaptureApp
+from capture.tui.collect import CollectScreen
 
 HANGS_S = 900.0
 """The time in s after which a test gives up, however busy the machine is."""
@@ -45,6 +46,23 @@ def shown(pilot: Pilot[None]) -> str:
 async def see(pilot: Pilot[None], words: str) -> None:
     """Wait until these words are on the screen, wherever its lines break."""
     await until(pilot, lambda: words in " ".join(shown(pilot).split()))
+
+
+def sentences_of(pilot: Pilot[None]) -> list[str]:
+    """Return a list that collects what the page says from now on: a sentence may be replaced
+    before a busy machine looks at the screen.
+    """
+    page = pilot.app.screen
+    assert isinstance(page, CollectScreen)
+    sentences: list[str] = []
+    say = page.say
+
+    def collecting(sentence: str, for_s: float = 0.0) -> None:
+        sentences.append(sentence)
+        say(sentence, for_s)
+
+    page.say = collecting  # type: ignore[method-assign]
+    return sentences
 
 
 async def until(pilot: Pilot[None], holds: Callable[[], bool]) -> None:

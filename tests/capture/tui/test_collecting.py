@@ -26,7 +26,15 @@ from capture.tui.panel import Panel
 from capture.tui.picture import Picture
 from capture.tui.undistortion_page import UndistortionPage
 from tests.capture.recordings import noise, write_recording
-from tests.capture.tui.driving import burst, drive, running, see, shown, until
+from tests.capture.tui.driving import (
+    burst,
+    drive,
+    running,
+    see,
+    sentences_of,
+    shown,
+    until,
+)
 from tests.capture.tui.test_session import FIXTURE
 
 
@@ -57,9 +65,11 @@ async def _without(session: Path, empty: Path) -> None:
             " corrects the board.",
         )
         assert "Cover on" not in shown(pilot)
+        said = sentences_of(pilot)
         await pilot.press("n")
         assert "[WITHOUT COVER]" in shown(pilot)
-        await see(pilot, "The cover comes on once there are views without it: none is taken yet.")
+        missing = "The cover comes on once there are views without it: none is taken yet."
+        await until(pilot, lambda: missing in said)
         await see(pilot, "No board of 9x9 inner corners in any")  # what was wrong comes back
         await pilot.press("escape")
         await see(pilot, "count the inner corners; correct the board here, or name another source.")
@@ -296,8 +306,9 @@ async def _computed(session: Path, empty: Path) -> None:
         await pilot.press("question_mark", "escape")
         await see(pilot, "The maps for 0.48 m are being computed.")
         await see(pilot, "u As it is")
+        said = sentences_of(pilot)
         await pilot.press("u")
-        await see(pilot, "The picture is shown as it is.")
+        await until(pilot, lambda: "The picture is shown as it is." in said)
         await see(pilot, "u Undistort")
         await see(pilot, ending)
 
