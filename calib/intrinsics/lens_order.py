@@ -106,6 +106,16 @@ class LensOrder:
             if name in values
         )
 
+    @property
+    def least_gain(self) -> float:
+        """The part of the error on held-out views by which this lens must be better than one with
+        fewer coefficients. Radial coefficients must only do no harm: they continue the lens into
+        the picture's corners, where few held-out corners are.
+        """
+        if not self.name.isdigit():
+            return MIN_LENS_IMPROVEMENT
+        return MIN_PRISM_IMPROVEMENT if int(self.name) >= PRISM_COUNT else 0.0
+
     def held_out_px(self, observations: Observations, folds: Split) -> float:
         """Return the root mean square error on views that are held out in turn."""
         errors = hold_out(self.model, observations, self.joint, folds)
@@ -159,10 +169,8 @@ def choose_order(
             return order.is_possible
         if order.joint.log_evidence < simpler.joint.log_evidence + MIN_LOG_ODDS:
             return False
-        is_prism = order.name.isdigit() and int(order.name) >= PRISM_COUNT
-        gain = MIN_PRISM_IMPROVEMENT if is_prism else MIN_LENS_IMPROVEMENT
         is_clear = order.joint.sigma < CLEAR_RATIO * simpler.joint.sigma
-        return is_clear or held_out_px(order) < (1 - gain) * held_out_px(simpler)
+        return is_clear or held_out_px(order) < (1 - order.least_gain) * held_out_px(simpler)
 
     best: LensOrder | None = None
     for done, count in enumerate(COEFFICIENTS, 1 + len(COEFFICIENTS)):
