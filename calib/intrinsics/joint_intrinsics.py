@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from calib.corners.view import View, pose_labels
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import JointFit
+from calib.estimation.joint_fit import ROUNDS, JointFit, Start
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
 from calib.inference.board_bend import estimate_board
+from calib.intrinsics.opencv_by_rays import prior_means
 from calib.optics.build import pinhole_path
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
@@ -42,10 +43,10 @@ def fit_with_bend(
     """
     prior = free_own_intrinsics(intrinsics)
     path, values = pinhole_path(prior)
-    model = CameraModel(path, values, priors_of(prior, NO_COVER, path))
+    model = CameraModel(path, prior_means(values), priors_of(prior, NO_COVER, path))
     observations = Observations.of(views, board)
     with single_thread():
-        joint = model.fit(observations, torch.from_numpy(poses))
+        joint = model.fit(observations, torch.from_numpy(poses), Start(values, 0.1, None), ROUNDS)
         _, joint = estimate_board(model, observations, joint, board, pose_labels(views))
     return estimated_intrinsics(joint, intrinsics) if joint.finite else intrinsics
 

@@ -23,12 +23,13 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, JointFit, Start
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
+from calib.estimation.poses import opencv_intrinsics
 from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
 from calib.inference.cross_validation import Split, fold_split, hold_out
 from calib.intrinsics.flat_views import FLAT_DEG
-from calib.intrinsics.held_out_views import MIN_LENS_IMPROVEMENT
-from calib.intrinsics.opencv_fit import OpenCVFit
+from calib.intrinsics.opencv_by_rays import prior_means
+from calib.intrinsics.opencv_fit import OpenCVFit, has_pole
 from calib.intrinsics.opencv_lens import PRISM_COUNT, refine_opencv
 from calib.intrinsics.ray_lens import PLAIN
 from calib.intrinsics.ray_lens_fit import fit_lens
@@ -37,18 +38,19 @@ from calib.optics.build import pinhole_path
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
+from calib.session.freeing import own_coefficient_sigmas
 from calib.session.lens import COEFFICIENTS, FISHEYE, NAMES, OPENCV
 from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number
-from calib.session.tolerances import OWN_COEFFICIENT, SENSOR_TILT, TANGENTIAL, THIN_PRISM
+from calib.session.tolerances import SENSOR_TILT, TANGENTIAL, THIN_PRISM
 from calib.threads import single_thread
 
 RATIONAL_COUNT = 8
 """The most coefficients with which OpenCV's own fit gives the start: with more, it takes minutes.
 """
 MIN_PRISM_IMPROVEMENT = 0.05
-"""`MIN_LENS_IMPROVEMENT` for a thin prism and a tilted sensor, which few lenses have: an uneven
-print gives them 2 to 6 %.
+"""The part of the held-out error by which a thin prism or a tilted sensor must lower it: few lenses
+have them, and an uneven print gives them 2 to 6 %.
 """
 CLEAR_RATIO = 0.7
 """If the error of all views falls below this fraction, that on held-out views falls as well: a few
@@ -71,13 +73,11 @@ WIDE = math.radians(40)
 MIN_SEEN = 0.99
 """The least fraction of the corners that a lens must see."""
 SPREADS = {
-    **dict.fromkeys(NAMES[FISHEYE], OWN_COEFFICIENT.sigma),
-    **dict.fromkeys(NAMES[OPENCV], OWN_COEFFICIENT.sigma),
     **dict.fromkeys(("p1", "p2"), TANGENTIAL.sigma),
     **dict.fromkeys(("s1", "s2", "s3", "s4"), THIN_PRISM.sigma),
     **dict.fromkeys(("tau_x", "tau_y"), SENSOR_TILT.sigma),
 }
-"""Standard deviations of the priors of the coefficients around zero."""
+"""Standard deviations of the priors around zero of the coefficients that are not radial."""
 PHYSICAL = ("cx", "cy", "p1", "p2", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 """The numbers that cannot be just anything. The radial coefficients are a basis: together they may
 be a good lens at any size.
@@ -100,7 +100,10 @@ class LensOrder:
         """True if the fit converged to numbers within what lenses can be."""
         values, means, sigmas = self.joint.values, self.model.means, self.model.priors.sigmas
         is_end = self.joint.outcome is Outcome.CONVERGED and self.sees_corners
-        return is_end and all(
+        camera, coefficients = opencv_intrinsics(values)
+        corner = float(np.hypot(*(camera[:2, 2] / camera.diagonal()[:2])))
+        is_lens = is_end and not has_pole(coefficients, corner)
+        return is_lens and all(
             abs(float(values[name] - means[name])) < MAX_SIGMAS * sigmas[name]
             for name in map(CAMERA.of, PHYSICAL)
             if name in values
@@ -112,9 +115,8 @@ class LensOrder:
         fewer coefficients. Radial coefficients must only do no harm: they continue the lens into
         the picture's corners, where few held-out corners are.
         """
-        if not self.name.isdigit():
-            return MIN_LENS_IMPROVEMENT
-        return MIN_PRISM_IMPROVEMENT if int(self.name) >= PRISM_COUNT else 0.0
+        is_prism = self.name.isdigit() and int(self.name) >= PRISM_COUNT
+        return MIN_PRISM_IMPROVEMENT if is_prism else 0.0
 
     def held_out_px(self, observations: Observations, folds: Split) -> float:
         """Return the root mean square error on views that are held out in turn."""
@@ -239,20 +241,20 @@ def _fit(
 
 
 def _model(name: str, focal: float, size: tuple[int, int]) -> CameraModel:
-    """Return the model of a camera whose lens has coefficients around zero."""
+    """Return the model of a camera whose lens has coefficients around none."""
     lens = OPENCV if name.isdigit() else name
     names = NAMES[lens][: int(name)] if name.isdigit() else NAMES[lens]
-    path, means = pinhole_path(
-        Intrinsics(
-            Number(focal),
-            Number(focal),
-            Number((size[0] - 1) / 2),
-            Number((size[1] - 1) / 2),
-            (Number(0.0, 1.0),) * len(names),
-            model=lens,
-        )
+    intrinsics = Intrinsics(
+        Number(focal),
+        Number(focal),
+        Number((size[0] - 1) / 2),
+        Number((size[1] - 1) / 2),
+        (Number(0.0, 1.0),) * len(names),
+        model=lens,
     )
-    sigmas = {CAMERA.of(name): SPREADS[name] for name in names}
+    path, means = pinhole_path(intrinsics)
+    spreads = own_coefficient_sigmas(intrinsics) | SPREADS
+    sigmas = {CAMERA.of(name): spreads[name] for name in names}
     sigmas |= dict.fromkeys(CAMERA.focal, FOCAL_SPREAD * focal)
     sigmas |= dict.fromkeys(CAMERA.centre, CENTRE_SPREAD * max(size))
-    return CameraModel(path, means, Priors(sigmas))
+    return CameraModel(path, prior_means(means), Priors(sigmas))

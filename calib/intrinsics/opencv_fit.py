@@ -12,6 +12,12 @@ from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.schema import Number
 
+MAX_ANGLE = np.radians(80)
+"""The angle from the axis to which a lens is followed for a pole."""
+ANGLES = 400
+LEAST_DENOMINATOR = 0.05
+"""Where a lens magnifies its corners twenty times, a pole is near."""
+
 
 @dataclass(frozen=True, slots=True)
 class OpenCVFit:
@@ -37,6 +43,14 @@ class OpenCVFit:
     def parameters(self) -> NDArray[np.float64]:
         """Return the (4 + count,) parameters: fx, fy, cx, cy and the coefficients."""
         return np.array([*self.camera[[0, 1, 0, 1], [0, 1, 2, 2]], *self.coefficients])
+
+    @property
+    def has_pole(self) -> bool:
+        """True if the radial terms have a pole inside the picture, whose middle is near the
+        principal point.
+        """
+        corner = float(np.hypot(*(self.camera[:2, 2] / self.camera.diagonal()[:2])))
+        return has_pole(self.coefficients, corner)
 
     def intrinsics(self, covariance: NDArray[np.float64]) -> Intrinsics:
         """Return the intrinsics with standard deviations and correlations from the covariance of
@@ -79,3 +93,22 @@ class OpenCVFit:
             points, rotvec, translation, self.camera, self.coefficients
         )
         return float(np.sqrt(((projected.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
+
+
+def has_pole(coefficients: NDArray[np.float64], corner: float) -> bool:
+    """Return True if the rational radial terms of OpenCV's lens have a pole, or nearly one, between
+    the axis and the picture's corner.
+
+    Args:
+        coefficients: (count,) lens coefficients, in OpenCV's order.
+        corner: the distance of the picture's corner from the principal point over the focal length.
+    """
+    k1, k2, _, _, k3, k4, k5, k6 = np.pad(coefficients[:8], (0, max(0, 8 - len(coefficients))))
+    radius = np.tan(np.linspace(0.0, MAX_ANGLE, ANGLES))
+    square = radius**2
+    denominator = 1 + square * (k4 + square * (k5 + square * k6))
+    with np.errstate(divide="ignore"):
+        reached = radius * (1 + square * (k1 + square * (k2 + square * k3))) / denominator
+    outside = np.flatnonzero(reached >= corner)
+    inside = denominator[: outside[0]] if len(outside) else denominator
+    return bool(inside.min() < LEAST_DENOMINATOR)

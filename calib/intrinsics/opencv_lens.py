@@ -72,12 +72,11 @@ def refine_opencv(
 ) -> OpenCVFit:
     """Return the fit from a start, with the focal length (px) held if one is given.
 
-    OpenCV takes minutes for the tilted sensor, so that a joint fit of the rays does it in seconds.
+    A joint fit of the rays takes the place of OpenCV's for the tilted sensor, which takes minutes
+    there, and for a lens that would have a pole inside the picture.
     """
     if count > PRISM_COUNT and start:
-        from calib.intrinsics.tilted_sensor import fit_tilted_sensor
-
-        return fit_tilted_sensor(views, board, start, focal)
+        return _fit_through_rays(views, board, start, count, focal)
     points = board.points_in_space().astype(np.float32)
     objects = [points[view.seen] for view in views]
     pixels = [view.corners[view.seen].astype(np.float32) for view in views]
@@ -112,13 +111,24 @@ def refine_opencv(
             )
     except cv2.error as error:
         raise NoFitError() from error
-    return OpenCVFit(
+    fit = OpenCVFit(
         matrix.astype(np.float64),
         np.ravel(distortion)[:count].astype(np.float64),
         np.ravel(per_view).astype(np.float64),
         np.concatenate([np.squeeze(rotvecs, -1), np.squeeze(translations, -1)], 1),
         float(rms),
     )
+    if start and fit.has_pole:
+        return _fit_through_rays(views, board, start, count, focal)
+    return fit
+
+
+def _fit_through_rays(
+    views: Sequence[View], board: Board, start: OpenCVFit, count: int, focal: float | None
+) -> OpenCVFit:
+    from calib.intrinsics.opencv_by_rays import fit_through_rays
+
+    return fit_through_rays(views, board, start, count, focal)
 
 
 @contextmanager

@@ -2,12 +2,14 @@
 those of the names that people use for them.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from calib.errors import InputError
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
+from calib.session.lens import NAMES, RADIAL_POWERS
 from calib.session.schema import Number
 from calib.session.shapes.layer import WATER, medium_word
 from calib.session.shapes.registry import dimensions
@@ -66,10 +68,28 @@ def free_parameters(
     return intrinsics, _map_cover(cover, _free_number, names)
 
 
+def own_coefficient_sigmas(intrinsics: Intrinsics) -> dict[str, float]:
+    """Return the standard deviation of the prior of each lens coefficient, by its name, for a lens
+    that the views of the fit determine.
+
+    A radial term may be a few times as large as the ray's own distance from the axis, at the
+    corner of the picture: terms of rational lenses are, and cancel each other. So the prior does
+    not depend on the part of the lens that the sensor takes.
+    """
+    corner = math.hypot(
+        intrinsics.cx.value / intrinsics.fx.value, intrinsics.cy.value / intrinsics.fy.value
+    )
+    return {
+        name: OWN_COEFFICIENT.sigma / corner ** RADIAL_POWERS.get(name, 0)
+        for name in NAMES[intrinsics.model]
+    }
+
+
 def free_own_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
     """Return the intrinsics with hardly any prior: they come from the views of the fit, which count
     once.
     """
+    sigmas = own_coefficient_sigmas(intrinsics).values()
     focal = OWN_FOCAL.sigma * intrinsics.fx.value
     return replace(
         intrinsics,
@@ -77,7 +97,10 @@ def free_own_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
         fy=Number(intrinsics.fy.value, focal),
         cx=Number(intrinsics.cx.value, OWN_CENTRE.sigma),
         cy=Number(intrinsics.cy.value, OWN_CENTRE.sigma),
-        distortion=tuple(Number(n.value, OWN_COEFFICIENT.sigma) for n in intrinsics.distortion),
+        distortion=tuple(
+            Number(number.value, sigma)
+            for number, sigma in zip(intrinsics.distortion, sigmas, strict=False)
+        ),
         correlations=(),
     )
 

@@ -33,6 +33,14 @@ NAMES = {
 names, so that no k1 is taken for the other model's.
 """
 
+RADIAL_POWERS = {
+    **{"k1": 2, "k2": 4, "k3": 6, "k4": 2, "k5": 4, "k6": 6},
+    **{"kb1": 2, "kb2": 4, "kb3": 6, "kb4": 8},
+}
+"""The power of the distance from the axis, or of the angle, by which each radial coefficient
+changes it.
+"""
+
 COUNTS = {OPENCV: COEFFICIENTS, FISHEYE: (4,), SPLINED: (4,)}
 """The possible numbers of coefficients in each model."""
 

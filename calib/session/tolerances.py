@@ -184,4 +184,6 @@ OWN_FOCAL = Tolerance(
     " count once",
 )
 OWN_CENTRE = Tolerance(100.0, "px", 1.0, "the same")
-OWN_COEFFICIENT = Tolerance(3.0, "", 1e-3, "the same")
+OWN_COEFFICIENT = Tolerance(
+    3.0, "", 1e-3, "of the distance from the axis, at the picture's corner: the same"
+)
