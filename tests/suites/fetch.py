@@ -78,6 +78,13 @@ CALIBMAR = Suite(
     repository="https://github.com/MDSKiel/calibmar",
     tests=("tests/suites/test_calibmar.py", "tests/suites/test_colmap_ports.py"),
 )
+COLMAP = Suite(
+    name="colmap",
+    needs="PyPI, 40 MB",
+    packages=("pycolmap",),
+    repository="",
+    tests=("tests/export/test_consumers.py", "-k", "pycolmap"),
+)
 NCORE = Suite(
     name="ncore",
     needs="PyPI, 45 MB",
@@ -106,4 +113,4 @@ NEWTON = Suite(
     repository="",
     tests=("tests/suites/test_newton.py",),
 )
-SUITES = (AQUACAL, CALIBMAR, NCORE, NEWTON)
+SUITES = (AQUACAL, CALIBMAR, COLMAP, NCORE, NEWTON)

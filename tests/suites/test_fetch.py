@@ -49,7 +49,7 @@ def test_a_suite_that_cannot_be_fetched_is_one_sentence(
 
 def test_names_are_checked(capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main(["aquacale"]) == 2
-    assert "choose from aquacal, calibmar, ncore, newton" in capsys.readouterr().err
+    assert "choose from aquacal, calibmar, colmap, ncore, newton" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("suite", SUITES, ids=lambda suite: suite.name)
