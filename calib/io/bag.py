@@ -43,16 +43,21 @@ class Bag:
     def is_ros1(self) -> bool:
         return not self.reader.is2
 
-    def picture_topic(self, topic: str | None) -> Connection:
+    def picture_topic(self, topic: str | None, depth_topic: str | None = None) -> Connection:
         """Return the connection of a topic of pictures.
 
         Args:
             topic: its name; None: the only one that there is.
+            depth_topic: a topic whose pictures are depths, which is not meant.
 
         Raises:
             InputError: there is no such topic, or several and none is named.
         """
-        pictures = [c for c in self.reader.connections if c.msgtype in PICTURE_MESSAGES]
+        pictures = [
+            connection
+            for connection in self.reader.connections
+            if connection.msgtype in PICTURE_MESSAGES and connection.topic != depth_topic
+        ]
         names = sorted({connection.topic for connection in pictures})
         listed = ", ".join(map(brief, names[:MAX_TOPICS]))
         if not names:

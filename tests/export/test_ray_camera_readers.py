@@ -10,7 +10,8 @@ from calib.cli import main
 
 pytest.importorskip("mitsuba", reason="mitsuba is not installed: its pictures are not there")
 from fixtures import ray_camera_readers as readers
-from fixtures.ray_cameras import difference, mitsuba_pictures, true_calibration
+from fixtures.prints import CHECKERBOARD
+from fixtures.ray_cameras import PLACE, TILT, difference, mitsuba_pictures, true_calibration
 
 DEPTH = 0.36
 """m"""
@@ -59,13 +60,13 @@ def test_newton(glass: np.ndarray, tmp_path: Path) -> None:
 def test_gaussians_are_darkest_where_the_camera_sees_their_middles(tmp_path: Path) -> None:
     calibration = true_calibration()
     picture = readers.gsplat_picture(export(calibration, tmp_path, "gsplat"))
-    spacing = 2 * readers.CHECKERBOARD.half / readers.SPLATS
+    spacing = 2 * CHECKERBOARD.half / readers.SPLATS
     steps = np.stack(np.meshgrid([-9, 0, 7], [-5, 0, 8], [0]), -1).reshape(-1, 3)
-    pixels = calibration.project(readers.PLACE + spacing * steps @ readers.TILT.T)
+    pixels = calibration.project(PLACE + np.asarray(spacing * steps) @ np.asarray(TILT).T)
     for x, y in pixels:
-        left, top = int(x) - 3, int(y) - 3
-        window = readers.SKY - picture[top : top + 8, left : left + 8]
+        column, row = int(x) - 3, int(y) - 3
+        window = readers.SKY - picture[row : row + 8, column : column + 8]
         rows, columns = np.indices(window.shape)
         weights = window**4
         middle = [(weights * columns).sum() + 0.0, (weights * rows).sum() + 0.0]
-        assert np.abs(middle / weights.sum() + [left, top] - [x, y]).max() < 0.3, "px"
+        assert np.abs(middle / weights.sum() + [column, row] - [x, y]).max() < 0.3, "px"
