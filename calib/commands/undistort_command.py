@@ -243,6 +243,8 @@ def _straighten_bag(
     written = straighten_bag(
         path, args.topic, undistorter, output, name, progress, args.depth_topic
     )
+    for sentence in written.left_out:
+        print_remark(sentence)
     remark = ""
     if written.largest_gap_s > LARGEST_GAP_S:
         remark = (

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +32,7 @@ from calib.io.bag import CAMERA_INFO, Bag, open_bag
 from calib.io.bag_picture import message_image, with_image
 from calib.io.depth_topic import DepthTopic
 from calib.io.files import make_folder
+from calib.io.left_out_pictures import LeftOutPictures
 from calib.io.output_folder import OutputFolder
 from calib.progress import Progress
 
@@ -64,6 +65,8 @@ class StraightBag:
     """A written recording of straight pictures."""
 
     path: Path
+    left_out: Sequence[str]
+    """A sentence if pictures are left out, because they are damaged or of another size."""
     largest_gap_s: float
     """The longest time between a picture and the depth image that was taken for it."""
 
@@ -106,7 +109,7 @@ def straighten_bag(
             the undistorter's.
 
     Raises:
-        InputError: a recording cannot be read or written, or its pictures have another size.
+        InputError: a recording cannot be read or written, or none of its pictures can be used.
     """
     camera = straight_camera(undistorter)
     with open_bag(path) as bag:
@@ -123,9 +126,13 @@ def straighten_bag(
         try:
             with _writer(bag, temporary) as writer:
                 straightener = _Straightener(bag, pictures, undistorter, depths)
-                _copy(bag, pictures, straightener, camera, writer, progress)
+                left_out = _copy(bag, pictures, straightener, camera, writer, progress)
             made = temporary if bag.is_ros1 else next(temporary.glob("*.mcap"))
-            return StraightBag(output.take(made, name), depths.largest_gap_s if depths else 0.0)
+            return StraightBag(
+                path=output.take(made, name),
+                left_out=left_out.sentences(),
+                largest_gap_s=depths.largest_gap_s if depths else 0.0,
+            )
         except OSError as error:
             raise InputError(
                 f"{output.path / name} cannot be written ({error.strerror}): choose another place"
@@ -144,18 +151,24 @@ def _copy(
     camera: StraightCamera,
     writer: _Writer,
     progress: Progress,
-) -> None:
+) -> LeftOutPictures:
+    """Write all messages, and return what is known of pictures that are left out."""
     info_topic = bag.camera_info_topic(pictures.topic)
     has_info = any(c.topic == info_topic for c in bag.reader.connections)
     advance = progress.task(pictures.topic, bag.reader.topics[pictures.topic].msgcount)
+    left_out = LeftOutPictures()
     done = 0
     for connection, time_ns, data in bag.raw_messages():
         if connection.topic == pictures.topic:
             message = bag.read_message(connection, data)
+            try:
+                straight = straightener.straighten(time_ns, message)
+            except InputError as error:
+                left_out.note(error, done)
+                continue
             if not done:
                 transform = writer.transform(message.header, camera)
                 writer.write_message(STATIC, TRANSFORMS, time_ns, transform)
-            straight = straightener.straighten(time_ns, message)
             writer.write_message(connection.topic, connection.msgtype, time_ns, straight)
             if not has_info:
                 info = writer.camera_info(straight.header, camera)
@@ -168,8 +181,10 @@ def _copy(
             writer.write_message(info_topic, CAMERA_INFO, time_ns, info)
         else:
             writer.write_raw(connection, time_ns, data)
+    left_out.check(done)
     if not done:
         raise InputError(f"{bag.path} has no picture on {pictures.topic}: choose another topic.")
+    return left_out
 
 
 class _Straightener:

@@ -194,6 +194,32 @@ def test_wrong_usage_is_one_sentence_and_leaves_no_file(
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_a_damaged_picture_is_left_out_and_the_others_are_straight(
+    calibration: Calibration,
+    saved: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    kind: str,
+) -> None:
+    good = [raw("bgr8", picture) for picture in PICTURES]
+    pictures = [replace(good[0], data=bytes(9)), good[1], raw("bgr8", PICTURES[2][:50]), good[2]]
+    source = write_bag(tmp_path / "source", kind, pictures)
+    output = tmp_path / "out" / ("s.bag" if kind == "bag" else "s.mcap")
+    topics = straightened(saved, source, output)
+    error = capsys.readouterr().err
+    assert "2 pictures are left out, the first for this: " in error
+    assert f"{TOPIC}: a picture of 328x246 px has only 9 bytes" in error
+    undistorter = Undistorter(calibration, DEPTH)
+    assert [time_ns for time_ns, _, _ in topics[TOPIC]] == [
+        read_bag(source)[TOPIC][number][0] for number in (1, 3)
+    ]
+    for picture, (_, _, message) in zip(PICTURES[1:], topics[TOPIC], strict=True):
+        np.testing.assert_array_equal(message_image(message), undistorter.undistort(picture))
+    assert len(topics[NOTE]) == 4
+    assert len(topics["/tf_static"]) == 1
+
+
 def test_a_foreign_file_is_not_replaced(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
