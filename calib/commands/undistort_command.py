@@ -118,7 +118,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
         from calib.errors import InputError, NotEnoughDataError
-        from calib.io.bag import is_bag
+        from calib.io.bag_names import is_bag
         from calib.io.patterns import expand
 
     args.images = expand(args.images)
@@ -217,6 +217,7 @@ def _straighten_bag(
     from calib.errors import InputError
     from calib.export.straight_bag import straighten_bag
     from calib.io.depth_topic import LARGEST_GAP_S
+    from calib.io.numerals import counted
     from calib.io.output_folder import ANOTHER_FILE, OutputFolder
 
     if args.depth is None and args.depth_topic is None:
@@ -245,6 +246,11 @@ def _straighten_bag(
     )
     for sentence in written.left_out:
         print_remark(sentence)
+    if written.black:
+        print_remark(
+            f"Take care: without a depth of {args.near:g} m or more on {args.depth_topic}, the"
+            f" result has {counted(written.black, 'black picture')}."
+        )
     remark = ""
     if written.largest_gap_s > LARGEST_GAP_S:
         remark = (

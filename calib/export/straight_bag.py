@@ -67,6 +67,8 @@ class StraightBag:
     path: Path
     left_out: Sequence[str]
     """A sentence if pictures are left out, because they are damaged or of another size."""
+    black: int
+    """The number of pictures without any depth, which are black."""
     largest_gap_s: float
     """The longest time between a picture and the depth image that was taken for it."""
 
@@ -131,6 +133,7 @@ def straighten_bag(
             return StraightBag(
                 path=output.take(made, name),
                 left_out=left_out.sentences(),
+                black=straightener.black,
                 largest_gap_s=depths.largest_gap_s if depths else 0.0,
             )
         except OSError as error:
@@ -196,6 +199,8 @@ class _Straightener:
         self._place = f"{bag.path}, {pictures.topic}"
         self._undistorter = undistorter
         self._depths = depths
+        self.black = 0
+        """The number of pictures without any depth."""
         self._number = -1  # of the depth image that the undistorter has
 
     def straighten(self, time_ns: int, message: Any) -> Any:
@@ -207,6 +212,7 @@ class _Straightener:
             straight = self._undistorter.undistort(message_image(message))
         except InputError as error:
             raise InputError(f"{self._place}: {error}") from error
+        self.black += self._depths is not None and not self._undistorter.valid.any()
         return replace(
             with_image(message, straight),  # type: ignore[arg-type]  # uint8 or uint16, as it was
             header=_moved(message.header),

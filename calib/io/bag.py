@@ -20,16 +20,9 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
 
-SUFFIXES = (".bag", ".mcap", ".db3")
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 MAX_TOPICS = 8
 """The number of topics that a message names."""
-
-
-def is_bag(path: Path) -> bool:
-    """Return True if the path is a recording of ROS by its name, or by its metadata.yaml."""
-    with reading(path):
-        return path.suffix.lower() in SUFFIXES or (path / "metadata.yaml").is_file()
 
 
 @dataclass(frozen=True, slots=True)

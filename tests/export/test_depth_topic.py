@@ -123,6 +123,20 @@ def test_a_plane_is_as_straight_as_with_one_depth(
         assert np.sqrt((difference[5:-5, 5:-5] ** 2).mean()) < 1, "grey levels"
 
 
+def test_pictures_without_any_depth_are_counted(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    unknown = np.full_like(RAMP, np.nan)
+    stored = {0: metres(RAMP), INTERVAL_NS: metres(unknown), 2 * INTERVAL_NS: metres(0.1 * RAMP)}
+    source = write_bag(tmp_path / "s", "mcap", [raw("bgr8", p) for p in PICTURES], depths=stored)
+    command = ["undistort", str(saved), str(source), "--depth-topic", DEPTHS]
+    assert main([*command, "-o", str(tmp_path / "o.mcap")]) == 0
+    error = capsys.readouterr().err
+    assert f"without a depth of 0.1 m or more on {DEPTHS}, the result has 2 black pictures" in error
+    levels = [message_image(m).any() for _, _, m in read_bag(tmp_path / "o.mcap")[TOPIC]]
+    assert levels == [True, False, False]
+
+
 @pytest.mark.parametrize(
     ("depths", "sentence"),
     [
