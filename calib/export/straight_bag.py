@@ -17,7 +17,7 @@ from __future__ import annotations
 import secrets
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,6 +44,10 @@ Array = NDArray[np.float64]
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 TRANSFORMS_OF_ROS1 = "geometry_msgs/TransformStamped[] transforms"
 STATIC = "/tf_static"
+NO_DIGEST = f"RIHS01_{64 * '0'}"
+"""The hash of a type that nobody knows: recordings of ROS 2 before Iron hold no definitions, so the
+types of a person's own packages are copied without one.
+"""
 SUFFIX_OF_FRAME = "_straight"
 """The straight camera's frame is the pictures' frame with this at its end."""
 
@@ -121,13 +125,15 @@ def straighten_bag(
                 f"{name} does not say what is written: a recording of ROS"
                 f" {1 if bag.is_ros1 else 2} becomes a {suffix}, such as -o straight{suffix}."
             )
+        if depth_topic and topic == depth_topic:
+            raise InputError(f"--topic and --depth-topic both name {topic}: they are two topics.")
         pictures = bag.picture_topic(topic, depth_topic)
         depths = DepthTopic(bag, depth_topic) if depth_topic else None
         make_folder(output.path)
         temporary = output.path / f".refracal-{secrets.token_hex(8)}{suffix}"
         try:
             with _writer(bag, temporary) as writer:
-                straightener = _Straightener(bag, pictures, undistorter, depths)
+                straightener = _Straightener(undistorter, depths)
                 left_out = _copy(bag, pictures, straightener, camera, writer, progress)
             made = temporary if bag.is_ros1 else next(temporary.glob("*.mcap"))
             return StraightBag(
@@ -162,12 +168,13 @@ def _copy(
     left_out = LeftOutPictures()
     done = 0
     for connection, time_ns, data in bag.raw_messages():
-        if connection.topic == pictures.topic:
-            message = bag.read_message(connection, data)
+        if (connection.topic, connection.msgtype) == (pictures.topic, pictures.msgtype):
             try:
+                message = bag.read_message(connection, data)
                 straight = straightener.straighten(time_ns, message)
             except InputError as error:
-                left_out.note(error, done)
+                place = f"{bag.path}, {connection.topic}"
+                left_out.note(InputError(f"{place}: {error}"), done)
                 continue
             if not done:
                 transform = writer.transform(message.header, camera)
@@ -178,12 +185,14 @@ def _copy(
                 writer.write_message(info_topic, CAMERA_INFO, time_ns, info)
             done += 1
             advance(done, "")
-        elif connection.topic == info_topic and connection.msgtype == CAMERA_INFO:
-            header = _moved(bag.read_message(connection, data).header)
-            info = writer.camera_info(header, camera)
-            writer.write_message(info_topic, CAMERA_INFO, time_ns, info)
-        else:
-            writer.write_raw(connection, time_ns, data)
+            continue
+        with suppress(InputError):  # a damaged camera_info is copied as it is
+            if connection.topic == info_topic and connection.msgtype == CAMERA_INFO:
+                header = _moved(bag.read_message(connection, data).header)
+                info = writer.camera_info(header, camera)
+                writer.write_message(info_topic, CAMERA_INFO, time_ns, info)
+                continue
+        writer.write_raw(connection, time_ns, data)
     left_out.check(done)
     if not done:
         raise InputError(f"{bag.path} has no picture on {pictures.topic}: choose another topic.")
@@ -193,10 +202,7 @@ def _copy(
 class _Straightener:
     """Straightens the pictures of a topic, each at its depth."""
 
-    def __init__(
-        self, bag: Bag, pictures: Connection, undistorter: Undistorter, depths: DepthTopic | None
-    ) -> None:
-        self._place = f"{bag.path}, {pictures.topic}"
+    def __init__(self, undistorter: Undistorter, depths: DepthTopic | None) -> None:
         self._undistorter = undistorter
         self._depths = depths
         self.black = 0
@@ -208,10 +214,7 @@ class _Straightener:
         be read.
         """
         self._take_depths(time_ns, message)
-        try:
-            straight = self._undistorter.undistort(message_image(message))
-        except InputError as error:
-            raise InputError(f"{self._place}: {error}") from error
+        straight = self._undistorter.undistort(message_image(message))
         self.black += self._depths is not None and not self._undistorter.valid.any()
         return replace(
             with_image(message, straight),  # type: ignore[arg-type]  # uint8 or uint16, as it was
@@ -307,10 +310,13 @@ class _Writer:
         key = connection.topic, connection.msgtype
         if key not in self._connections:
             definition = connection.msgdef.data or None
+            digest = connection.digest or None
+            if not definition and connection.msgtype not in self._bag.reader.typestore.types:
+                definition, digest = "", NO_DIGEST
             known = {
                 "typestore": self._bag.reader.typestore,
                 "msgdef": definition,
-                "md5sum" if self._bag.is_ros1 else "rihs01": connection.digest or None,
+                "md5sum" if self._bag.is_ros1 else "rihs01": digest,
             }
             options = (
                 {"callerid": ext.callerid, "latching": ext.latching}

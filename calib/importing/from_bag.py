@@ -2,10 +2,12 @@
 its whole length.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -22,13 +24,16 @@ from calib.progress import Progress, Silent
 from calib.session.board import Board
 from calib.session.camera import Camera
 
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+
 
 @dataclass(frozen=True, slots=True)
 class _TopicFrames:
     """The kept pictures of a topic, which are read while the session is written."""
 
     path: Path
-    topic: str
+    pictures: Connection
     size: tuple[int, int]
     """Width and height of the pictures, px. Those of another size are left out."""
     left_out: LeftOutPictures
@@ -38,9 +43,10 @@ class _TopicFrames:
     def __iter__(self) -> Iterator[tuple[str, bytes]]:
         """Yield a name and the bytes of a PNG for each kept picture, and note its time."""
         with open_bag(self.path) as bag:
-            count = bag.reader.topics[self.topic].msgcount
-            advance = self.progress.task(f"Pictures of {self.topic}", count)
-            frames = _read_pictures(bag, self.topic, self.left_out, self.size)
+            topic = self.pictures.topic
+            count = bag.reader.topics[topic].msgcount
+            advance = self.progress.task(f"Pictures of {topic}", count)
+            frames = _read_pictures(bag, self.pictures, self.left_out, self.size)
             for frame in sharpest_of(frames, count, MAX_FRAMES, advance):
                 name = f"{frame.number:0{len(str(count))}d}.png"
                 self.times[name] = frame.time_s
@@ -62,16 +68,16 @@ def from_bag(
         InputError: rosbags is not installed, or the recording has no such pictures.
     """
     with open_bag(path) as bag:
-        name = bag.picture_topic(topic).topic
+        pictures = bag.picture_topic(topic)
         damage = LeftOutPictures()
-        first = next(_read_pictures(bag, name, damage), None)
+        first = next(_read_pictures(bag, pictures, damage), None)
         if first is None:
             damage.check(0)
-            raise InputError(f"{path} has no picture on {name}: choose another topic.")
-        info = bag.camera_info(name)
+            raise InputError(f"{path} has no picture on {pictures.topic}: choose another topic.")
+        info = bag.camera_info(pictures.topic)
     height, width = first.pixels.shape[:2]
     left_out = LeftOutPictures()
-    frames = _TopicFrames(path, name, (width, height), left_out, progress or Silent())
+    frames = _TopicFrames(path, pictures, (width, height), left_out, progress or Silent())
     return SessionDraft(
         path,
         board,
@@ -84,24 +90,30 @@ def from_bag(
 
 
 def _read_pictures(
-    bag: Bag, topic: str, left_out: LeftOutPictures, size: tuple[int, int] | None = None
+    bag: Bag,
+    pictures: Connection,
+    left_out: LeftOutPictures,
+    size: tuple[int, int] | None = None,
 ) -> Iterator[VideoFrame]:
     """Yield the pictures of a topic, numbered from 0 on with those that are left out. Their time is
     that of their headers, and where nobody set it, that of the recording.
 
     Args:
+        pictures: a connection of the topic. What others send on it in messages of another type does
+            not count.
         left_out: notes what is damaged or of another size.
         size: px, the width and height; None: that of the first picture.
     """
-    connections = [c for c in bag.reader.connections if c.topic == topic]
     used = 0
-    for number, (time_ns, message) in enumerate(bag.messages(connections)):
+    messages = bag.raw_messages(bag.connections_like(pictures.topic, pictures.msgtype))
+    for number, (connection, time_ns, data) in enumerate(messages):
         try:
+            message = bag.read_message(connection, data)
             pixels = message_image(message)
             size = size or (pixels.shape[1], pixels.shape[0])
             _check_size(pixels, size)
         except InputError as error:
-            left_out.note(InputError(f"{bag.path}, {topic}: {error}"), used)
+            left_out.note(InputError(f"{bag.path}, {connection.topic}: {error}"), used)
             continue
         used += 1
         sharpness = measure_sharpness(np.asarray(eight_bits(pixels), np.uint8))

@@ -35,9 +35,7 @@ class DepthTopic:
             InputError: the recording is damaged, or has no depth images on the topic.
         """
         self._bag = bag
-        self._connections = [
-            c for c in bag.reader.connections if c.topic == topic and c.msgtype in PICTURE_MESSAGES
-        ]
+        self._connections = bag.connections_like(topic, *PICTURE_MESSAGES)
         self.topic = topic
         self.largest_gap_s = 0.0
         """The longest time between a picture and its depth image."""
@@ -79,7 +77,7 @@ class DepthTopic:
         try:
             return message_depths(message)
         except InputError as error:
-            raise InputError(f"{self._bag.path}, {self.topic}: {error}") from error
+            raise InputError(f"on {self.topic}, {error}") from error
 
 
 def _time_s(time_ns: int, message: Any) -> float:

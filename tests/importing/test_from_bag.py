@@ -16,7 +16,8 @@ from calib.importing.from_video import MAX_FRAMES
 from calib.io.frames_table import read_frame_records
 from calib.io.images import list_images, read_image
 from calib.session.session import read_session
-from tests.io.bags import INTERVAL_NS, KINDS, START_NS, RawPicture, jpeg, raw, write_bag
+from tests.io.bags import INTERVAL_NS, KINDS, START_NS, TOPIC, RawPicture, jpeg, raw, write_bag
+from tests.io.odd_bags import write_odd_bag
 
 BOARD = ("--board", "9x6", "--square-mm", "25")
 RNG = np.random.default_rng(2)
@@ -120,6 +121,17 @@ def test_pictures_that_cannot_be_used_are_left_out_and_counted(
     error = capsys.readouterr().err
     assert "1 picture is left out: " in error
     assert "a picture has 16x12 px and the first one 32x24 px" in error
+
+
+def test_a_cut_message_and_other_types_on_the_topic_are_no_pictures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (picture,) = noise(1)
+    bag = write_odd_bag(tmp_path / "bag", picture, level_topic=TOPIC, cut=True, definitions=True)
+    session = tmp_path / "session"
+    assert main(["import", "bag", str(bag), *BOARD, "-o", str(session)]) == 0
+    assert "1 picture is left out: " in capsys.readouterr().err
+    assert len(list_images(session / "frames")) == 2
 
 
 @pytest.mark.parametrize("count", [1, 40])
