@@ -194,7 +194,7 @@ def run(args: argparse.Namespace) -> None:
     with exit_on_termination():
         count = write_session(draft, args.output)
     end = _describe_end(args) if args.source == "video" else ()
-    for notice in (*draft.notices, *end):
+    for notice in (*draft.notices, *draft.late_notices(), *end):
         print_remark(notice)
     contents = counted(count, "view" if draft.views else "picture")
     advice = f"calibrate it with `calib fit {shell_path(args.output)}`."

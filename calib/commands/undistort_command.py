@@ -67,6 +67,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             " under its name"
         ),
     )
+    how_far.add_argument(
+        "--depth-topic",
+        metavar="TOPIC",
+        help=(
+            "of a bag, the topic with a depth for each pixel of the straightened pictures: 32FC1"
+            " metres or 16UC1 millimetres, raw or compressed"
+        ),
+    )
     parser.add_argument(
         "--near",
         type=depth,
@@ -110,14 +118,16 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
         from calib.errors import InputError, NotEnoughDataError
-        from calib.io.bag import is_bag
+        from calib.io.bag_names import is_bag
         from calib.io.patterns import expand
 
-    check_depth_given(args)
     args.images = expand(args.images)
     bags = [path for path in args.images if is_bag(path)]
-    if args.topic and not bags:
-        raise InputError("--topic is for a bag of ROS: leave it out, or give a bag.")
+    for option, topic in (("--topic", args.topic), ("--depth-topic", args.depth_topic)):
+        if topic and not bags:
+            raise InputError(f"{option} is for a bag of ROS: leave it out, or give a bag.")
+    if not bags:
+        check_depth_given(args)
     if bags and len(args.images) > 1:
         raise InputError("A bag is undistorted by itself: give it alone.")
     check_order(args.calibration, args.images)
@@ -200,14 +210,21 @@ def _percent(fraction: float) -> str:
 def _straighten_bag(
     args: argparse.Namespace, calibration: "Calibration", progress: "Progress"
 ) -> Straightened:
+    import numpy as np
+
     from calib.apply.colour import ColourUndistorter
     from calib.apply.undistorter import Undistorter
     from calib.errors import InputError
     from calib.export.straight_bag import straighten_bag
+    from calib.io.depth_topic import LARGEST_GAP_S
+    from calib.io.numerals import counted
     from calib.io.output_folder import ANOTHER_FILE, OutputFolder
 
-    if args.depth is None:
-        raise InputError("A bag is undistorted at one depth: write --depth, in metres.")
+    if args.depth is None and args.depth_topic is None:
+        raise InputError(
+            "A bag is undistorted at one depth, or by a topic of depth images: write --depth, in"
+            " metres, or --depth-topic."
+        )
     (path,) = args.images
     inputs = (path, *calibration_files(args.calibration))
     output = OutputFolder(
@@ -218,9 +235,29 @@ def _straighten_bag(
     )
     output.check([args.output.name])
     kind = ColourUndistorter if args.colour else Undistorter
-    undistorter = kind(calibration, args.depth, crop=args.crop, size=args.size)
-    written = straighten_bag(path, args.topic, undistorter, output, args.output.name, progress)
-    return Straightened((args.output.parent / written.name,))
+    depth = args.depth
+    if args.depth_topic:
+        width, height = args.size or (calibration.camera.width, calibration.camera.height)
+        depth = np.zeros((height, width), np.float32)
+    undistorter = kind(calibration, depth, crop=args.crop, size=args.size, near=args.near)
+    name = args.output.name
+    written = straighten_bag(
+        path, args.topic, undistorter, output, name, progress, args.depth_topic
+    )
+    for sentence in written.left_out:
+        print_remark(sentence)
+    if written.black:
+        print_remark(
+            f"Take care: without a depth of {args.near:g} m or more on {args.depth_topic}, the"
+            f" result has {counted(written.black, 'black picture')}."
+        )
+    remark = ""
+    if written.largest_gap_s > LARGEST_GAP_S:
+        remark = (
+            f"Take care: a picture is {written.largest_gap_s:.1f} s from its nearest depth image on"
+            f" {args.depth_topic}."
+        )
+    return Straightened((args.output.parent / written.path.name,), remark=remark)
 
 
 def _size(text: str) -> tuple[int, int]:

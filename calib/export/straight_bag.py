@@ -4,7 +4,8 @@ them.
 The recording is copied. The pictures of one topic become straight, its camera_info becomes that of
 a pinhole without distortion, and every other message is the same, byte for byte.
 
-At the depth Z, a straight picture is that of a pinhole at the calibration's origin with the camera
+With a depth for each pixel, a straight picture is that of a pinhole at the calibration's origin. At
+one depth Z, a straight picture is that of a pinhole at the calibration's origin with the camera
 matrix K. It is as well the picture of a pinhole at any other centre c, whose focal lengths are f (Z
 - c_z) / Z and whose principal point is moved by f c_x / Z and f c_y / Z. The camera_info is that of
 the centre which the covered camera's rays come nearest to meeting in, because it errs least for
@@ -15,8 +16,8 @@ from __future__ import annotations
 
 import secrets
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,7 +30,9 @@ from calib.errors import InputError
 from calib.export.sampled_rays import FIT_GRID, SampledRays
 from calib.io.bag import CAMERA_INFO, Bag, open_bag
 from calib.io.bag_picture import message_image, with_image
+from calib.io.depth_topic import DepthTopic
 from calib.io.files import make_folder
+from calib.io.left_out_pictures import LeftOutPictures
 from calib.io.output_folder import OutputFolder
 from calib.progress import Progress
 
@@ -41,6 +44,10 @@ Array = NDArray[np.float64]
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 TRANSFORMS_OF_ROS1 = "geometry_msgs/TransformStamped[] transforms"
 STATIC = "/tf_static"
+NO_DIGEST = f"RIHS01_{64 * '0'}"
+"""The hash of a type that nobody knows: recordings of ROS 2 before Iron hold no definitions, so the
+types of a person's own packages are copied without one.
+"""
 SUFFIX_OF_FRAME = "_straight"
 """The straight camera's frame is the pictures' frame with this at its end."""
 
@@ -57,11 +64,26 @@ class StraightCamera:
     """Width and height, px."""
 
 
+@dataclass(frozen=True, slots=True)
+class StraightBag:
+    """A written recording of straight pictures."""
+
+    path: Path
+    left_out: Sequence[str]
+    """A sentence if pictures are left out, because they are damaged or of another size."""
+    black: int
+    """The number of pictures without any depth, which are black."""
+    largest_gap_s: float
+    """The longest time between a picture and the depth image that was taken for it."""
+
+
 def straight_camera(undistorter: Undistorter) -> StraightCamera:
-    """Return the pinhole whose picture an undistorter of one depth makes."""
+    """Return the pinhole whose picture an undistorter makes."""
     calibration = undistorter.calibration
     path, _ = calibration.model()
     centre = np.zeros(3)
+    if isinstance(undistorter.depth, np.ndarray):
+        return StraightCamera(undistorter.camera_matrix, centre, undistorter.size)
     if not path.central:
         centre = SampledRays.sample(calibration, FIT_GRID).nearly_intersect()
     nearness = 1 / float(undistorter.depth)  # one depth, maybe infinite
@@ -78,19 +100,22 @@ def straighten_bag(
     output: OutputFolder,
     name: str,
     progress: Progress,
-) -> Path:
-    """Write the recording with straight pictures, and return its path.
+    depth_topic: str | None = None,
+) -> StraightBag:
+    """Write the recording with straight pictures.
 
     Args:
         path: a .bag of ROS 1, or a recording of ROS 2.
         topic: the topic of the pictures; None: the only one that there is.
-        undistorter: for one depth.
+        undistorter: for one depth; with a depth topic, for an image of unknown depths.
         output: the folder of the result.
         name: its file name: .bag for ROS 1, .mcap for ROS 2.
         progress: shows how far the work is.
+        depth_topic: the topic with the depths of the straight pictures' pixels; None: the depth is
+            the undistorter's.
 
     Raises:
-        InputError: a recording cannot be read or written, or its pictures have another size.
+        InputError: a recording cannot be read or written, or none of its pictures can be used.
     """
     camera = straight_camera(undistorter)
     with open_bag(path) as bag:
@@ -100,14 +125,23 @@ def straighten_bag(
                 f"{name} does not say what is written: a recording of ROS"
                 f" {1 if bag.is_ros1 else 2} becomes a {suffix}, such as -o straight{suffix}."
             )
-        pictures = bag.picture_topic(topic)
+        if depth_topic and topic == depth_topic:
+            raise InputError(f"--topic and --depth-topic both name {topic}: they are two topics.")
+        pictures = bag.picture_topic(topic, depth_topic)
+        depths = DepthTopic(bag, depth_topic) if depth_topic else None
         make_folder(output.path)
         temporary = output.path / f".refracal-{secrets.token_hex(8)}{suffix}"
         try:
             with _writer(bag, temporary) as writer:
-                _copy(bag, pictures, undistorter, camera, writer, progress)
+                straightener = _Straightener(undistorter, depths)
+                left_out = _copy(bag, pictures, straightener, camera, writer, progress)
             made = temporary if bag.is_ros1 else next(temporary.glob("*.mcap"))
-            return output.take(made, name)
+            return StraightBag(
+                path=output.take(made, name),
+                left_out=left_out.sentences(),
+                black=straightener.black,
+                largest_gap_s=depths.largest_gap_s if depths else 0.0,
+            )
         except OSError as error:
             raise InputError(
                 f"{output.path / name} cannot be written ({error.strerror}): choose another place"
@@ -122,47 +156,86 @@ def straighten_bag(
 def _copy(
     bag: Bag,
     pictures: Connection,
-    undistorter: Undistorter,
+    straightener: _Straightener,
     camera: StraightCamera,
     writer: _Writer,
     progress: Progress,
-) -> None:
+) -> LeftOutPictures:
+    """Write all messages, and return what is known of pictures that are left out."""
     info_topic = bag.camera_info_topic(pictures.topic)
     has_info = any(c.topic == info_topic for c in bag.reader.connections)
     advance = progress.task(pictures.topic, bag.reader.topics[pictures.topic].msgcount)
+    left_out = LeftOutPictures()
     done = 0
     for connection, time_ns, data in bag.raw_messages():
-        if connection.topic == pictures.topic:
-            message = bag.read_message(connection, data)
+        if (connection.topic, connection.msgtype) == (pictures.topic, pictures.msgtype):
+            try:
+                message = bag.read_message(connection, data)
+                straight = straightener.straighten(time_ns, message)
+            except InputError as error:
+                place = f"{bag.path}, {connection.topic}"
+                left_out.note(InputError(f"{place}: {error}"), done)
+                continue
             if not done:
                 transform = writer.transform(message.header, camera)
                 writer.write_message(STATIC, TRANSFORMS, time_ns, transform)
-            straight = _straighten(bag, connection, message, undistorter)
             writer.write_message(connection.topic, connection.msgtype, time_ns, straight)
             if not has_info:
                 info = writer.camera_info(straight.header, camera)
                 writer.write_message(info_topic, CAMERA_INFO, time_ns, info)
             done += 1
             advance(done, "")
-        elif connection.topic == info_topic and connection.msgtype == CAMERA_INFO:
-            header = _moved(bag.read_message(connection, data).header)
-            info = writer.camera_info(header, camera)
-            writer.write_message(info_topic, CAMERA_INFO, time_ns, info)
-        else:
-            writer.write_raw(connection, time_ns, data)
+            continue
+        with suppress(InputError):  # a damaged camera_info is copied as it is
+            if connection.topic == info_topic and connection.msgtype == CAMERA_INFO:
+                header = _moved(bag.read_message(connection, data).header)
+                info = writer.camera_info(header, camera)
+                writer.write_message(info_topic, CAMERA_INFO, time_ns, info)
+                continue
+        writer.write_raw(connection, time_ns, data)
+    left_out.check(done)
     if not done:
         raise InputError(f"{bag.path} has no picture on {pictures.topic}: choose another topic.")
+    return left_out
 
 
-def _straighten(bag: Bag, connection: Connection, message: Any, undistorter: Undistorter) -> Any:
-    try:
-        straight = undistorter.undistort(message_image(message))
-    except InputError as error:
-        raise InputError(f"{bag.path}, {connection.topic}: {error}") from error
-    return replace(
-        with_image(message, straight),  # type: ignore[arg-type]  # uint8 or uint16, as it was
-        header=_moved(message.header),
-    )
+class _Straightener:
+    """Straightens the pictures of a topic, each at its depth."""
+
+    def __init__(self, undistorter: Undistorter, depths: DepthTopic | None) -> None:
+        self._undistorter = undistorter
+        self._depths = depths
+        self.black = 0
+        """The number of pictures without any depth."""
+        self._number = -1  # of the depth image that the undistorter has
+
+    def straighten(self, time_ns: int, message: Any) -> Any:
+        """Return the message with a straight picture; InputError if it has another size, or cannot
+        be read.
+        """
+        self._take_depths(time_ns, message)
+        straight = self._undistorter.undistort(message_image(message))
+        self.black += self._depths is not None and not self._undistorter.valid.any()
+        return replace(
+            with_image(message, straight),  # type: ignore[arg-type]  # uint8 or uint16, as it was
+            header=_moved(message.header),
+        )
+
+    def _take_depths(self, time_ns: int, message: Any) -> None:
+        if self._depths is None:
+            return
+        number, depths = self._depths.nearest(time_ns, message)
+        if number == self._number:
+            return
+        width, height = self._undistorter.size
+        if depths.shape != (height, width):
+            raise InputError(
+                f"{self._depths.topic} has depth images of {depths.shape[1]}x{depths.shape[0]} px,"
+                f" and the straight pictures have {width}x{height} px: choose a topic with a depth"
+                " for each of their pixels."
+            )
+        self._undistorter = self._undistorter.at(depths)
+        self._number = number
 
 
 def _moved(header: Any) -> Any:
@@ -237,10 +310,13 @@ class _Writer:
         key = connection.topic, connection.msgtype
         if key not in self._connections:
             definition = connection.msgdef.data or None
+            digest = connection.digest or None
+            if not definition and connection.msgtype not in self._bag.reader.typestore.types:
+                definition, digest = "", NO_DIGEST
             known = {
                 "typestore": self._bag.reader.typestore,
                 "msgdef": definition,
-                "md5sum" if self._bag.is_ros1 else "rihs01": connection.digest or None,
+                "md5sum" if self._bag.is_ros1 else "rihs01": digest,
             }
             options = (
                 {"callerid": ext.callerid, "latching": ext.latching}

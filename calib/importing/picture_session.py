@@ -25,6 +25,7 @@ from calib.importing.from_pictures import (
     uniform_pictures,
 )
 from calib.importing.from_video import describe_end, from_video, sharpest_frames
+from calib.io.bag_names import refuse_bag
 from calib.io.camera_names import ALL, choose_camera
 from calib.io.exif import camera_settings
 from calib.io.files import make_folder, reading
@@ -193,6 +194,7 @@ def _picture(path: Path) -> Path:
         raise InputError(
             f"{path} describes a session: `calib fit {shell_path(path.parent)}` calibrates it."
         )
+    refuse_bag(path)
     if path.suffix.lower() in OTHER_VIDEOS:
         raise InputError(
             f"{path} is a video of a type that is not read: convert it by"

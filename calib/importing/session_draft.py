@@ -5,7 +5,7 @@ No existing file is ever overwritten.
 
 import secrets
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,6 +50,8 @@ class SessionDraft:
     """Comment lines for session.yaml: what the source knows and a session does not state."""
     notices: tuple[str, ...] = ()
     """Sentences to print: what is left out, and what is odd about the source."""
+    late_notices: Callable[[], Sequence[str]] = tuple
+    """Returns more such sentences, once all frames were read."""
 
 
 def check_new(folder: Path) -> None:

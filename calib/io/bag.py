@@ -6,7 +6,7 @@ rosbags is an extra, and is imported when a bag is opened.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,16 +20,9 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
 
-SUFFIXES = (".bag", ".mcap", ".db3")
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 MAX_TOPICS = 8
 """The number of topics that a message names."""
-
-
-def is_bag(path: Path) -> bool:
-    """Return True if the path is a recording of ROS by its name, or by its metadata.yaml."""
-    with reading(path):
-        return path.suffix.lower() in SUFFIXES or (path / "metadata.yaml").is_file()
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,20 +36,28 @@ class Bag:
     def is_ros1(self) -> bool:
         return not self.reader.is2
 
-    def picture_topic(self, topic: str | None) -> Connection:
+    def picture_topic(self, topic: str | None, depth_topic: str | None = None) -> Connection:
         """Return the connection of a topic of pictures.
 
         Args:
             topic: its name; None: the only one that there is.
+            depth_topic: a topic whose pictures are depths, which is not meant.
 
         Raises:
             InputError: there is no such topic, or several and none is named.
         """
-        pictures = [c for c in self.reader.connections if c.msgtype in PICTURE_MESSAGES]
+        pictures = [
+            connection
+            for connection in self.reader.connections
+            if connection.msgtype in PICTURE_MESSAGES and connection.topic != depth_topic
+        ]
         names = sorted({connection.topic for connection in pictures})
         listed = ", ".join(map(brief, names[:MAX_TOPICS]))
         if not names:
-            raise InputError(f"{self.path} has no topic of pictures: give another recording.")
+            other = f" beside the depths of {brief(depth_topic)}" if depth_topic else ""
+            raise InputError(
+                f"{self.path} has no topic of pictures{other}: give another recording."
+            )
         if topic is None and len(names) > 1:
             raise InputError(
                 f"{self.path} has several topics of pictures: choose one with --topic, of {listed}."
@@ -77,18 +78,25 @@ class Bag:
 
     def camera_info(self, topic: str) -> Any | None:
         """Return the first camera_info that belongs to a topic of pictures; None without one."""
-        name = self.camera_info_topic(topic)
-        connections = [c for c in self.reader.connections if c.topic == name]
+        connections = self.connections_like(self.camera_info_topic(topic), CAMERA_INFO)
         return next((message for _, message in self.messages(connections)), None)
 
+    def connections_like(self, topic: str, *kinds: str) -> Sequence[Connection]:
+        """Return the connections of a topic with messages of one of these types."""
+        return [c for c in self.reader.connections if c.topic == topic and c.msgtype in kinds]
+
     def messages(self, connections: Sequence[Connection]) -> Iterator[tuple[int, Any]]:
-        """Yield the time in ns at which each message was recorded, and the message; InputError if
-        the recording is damaged.
+        """Yield the time in ns at which each message was recorded, and the message. Damaged
+        messages are left out; InputError if the recording is damaged.
         """
         if not connections:
             return
         for connection, time_ns, data in self.raw_messages(connections):
-            yield time_ns, self.read_message(connection, data)
+            message = None
+            with suppress(InputError):
+                message = self.read_message(connection, data)
+            if message is not None:
+                yield time_ns, message
 
     def raw_messages(
         self, connections: Sequence[Connection] = ()
@@ -97,6 +105,9 @@ class Bag:
 
         Args:
             connections: those to read; none stands for all.
+
+        Raises:
+            InputError: the recording is damaged.
         """
         iterator = self.reader.messages(connections)
         while True:
@@ -107,9 +118,11 @@ class Bag:
             yield entry
 
     def read_message(self, connection: Connection, data: bytes) -> Any:
-        """Return the message that the bytes stand for."""
-        with _reported_damage(self.path):
+        """Return the message that the bytes stand for; InputError if it is damaged."""
+        try:
             return self.reader.deserialize(data, connection.msgtype)
+        except Exception as error:  # rosbags raises errors of many kinds
+            raise InputError(f"a message is damaged ({brief(error)}): record it again.") from error
 
 
 @contextmanager

@@ -2,12 +2,14 @@
 back.
 """
 
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.errors import InputError, brief
 from calib.io.encoded_picture import TooLargeError, decode_picture
@@ -52,6 +54,10 @@ ENCODINGS: Mapping[str, Encoding] = {
 """The encodings of sensor_msgs/Image that are read, by their names. OpenCV names a Bayer pattern by
 the second row, ROS by the first.
 """
+FLOAT_DEPTHS = "32FC1"
+"""The encoding of depths in metres."""
+MILLIMETRES = ("16UC1", "mono16")
+"""The encodings of depths in millimetres."""
 JPEG = [cv2.IMWRITE_JPEG_QUALITY, 97]
 
 
@@ -121,6 +127,56 @@ def with_image(message: Any, image: Image) -> Any:
         is_bigendian=type(message.is_bigendian)(0),
         data=image.view(np.uint8).ravel(),
     )
+
+
+def message_depths(message: Any) -> NDArray[np.float32]:
+    """Return the (H, W) m depths of a message, 0 where unknown: floating-point metres or 16-bit
+    millimetres, raw, as a PNG, or by image_transport's compressedDepth.
+
+    Raises:
+        InputError: the message is damaged, or holds no depths.
+    """
+    if not hasattr(message, "encoding"):
+        return _decompressed_depths(message)
+    if message.encoding == FLOAT_DEPTHS:
+        pixels = _float_pixels(message)
+    elif message.encoding in MILLIMETRES:
+        pixels = np.asarray(message_image(message) / 1000, np.float32)
+    else:
+        raise InputError(
+            f"the depths have the encoding {brief(repr(message.encoding))}: ROS has 16UC1 for"
+            " millimetres and 32FC1 for metres."
+        )
+    return np.where(np.isfinite(pixels), pixels, np.float32(0))
+
+
+def _float_pixels(message: Any) -> NDArray[np.float32]:
+    as_bytes = replace(message, encoding="8UC1", width=4 * message.width)
+    kind = ">f4" if message.is_bigendian else "<f4"
+    pixels: NDArray[np.float32] = message_image(as_bytes).view(kind).astype(np.float32)
+    return pixels
+
+
+def _decompressed_depths(message: Any) -> NDArray[np.float32]:
+    """Return the depths of a compressed message.
+
+    Source: compressed_depth_image_transport, codec.cpp: 12 bytes in front of the PNG hold a number
+    and two parameters; with those, pixels of floating-point depths are inverse depths.
+    """
+    data = np.asarray(message.data, np.uint8).tobytes()
+    has_header = "compressedDepth" in message.format
+    stored = _decompressed(replace(message, data=np.frombuffer(data[12 * has_header :], np.uint8)))
+    if stored.ndim != 2 or stored.dtype != np.uint16:
+        raise InputError(
+            f"the depths have the format {brief(repr(message.format))}: a PNG of 16 bits is read;"
+            " convert the topic by image_transport republish."
+        )
+    if not has_header or FLOAT_DEPTHS not in message.format:
+        return np.asarray(stored / 1000, np.float32)
+    factor, offset = struct.unpack("<ff", data[4:12])
+    distance = np.where(stored > 0, stored - offset, np.inf)
+    depths = np.divide(factor, distance, out=np.zeros(stored.shape), where=distance > 0)
+    return np.asarray(depths, np.float32)
 
 
 def _decompressed(message: Any) -> Image:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 
+from calib.io.bag_names import refuse_bag
 from calib.io.files import check_regular, reading
 from calib.io.shell import shell_line
 
@@ -24,7 +25,10 @@ ESTIMATE = 0.05
 
 
 def open_video(path: Path) -> cv2.VideoCapture:
-    """Return the video, which gives its frames as stored; InputError if there is no such file."""
+    """Return the video, which gives its frames as stored; InputError if there is no such file, or
+    it is a recording of ROS.
+    """
+    refuse_bag(path)
     check_regular(path)
     with reading(path):
         path.open("rb").close()

@@ -24,6 +24,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.apply.asked_depths import describe_all
         from calib.calibration import Calibration
         from calib.commands.printing import print_json
+        from calib.errors import RefracalError
         from calib.io.json_text import json_text
         from capture.sources.registry import open_source
         from capture.sources.video import VideoSource
@@ -52,6 +53,8 @@ def run(args: argparse.Namespace) -> None:
     )
     if limit := undistortion_limit(calibration):
         narrator.tell(limit)
+    if blackness := straightener.describe_black():
+        narrator.tell(blackness)
     for remark in describe_all(calibration, [args.depth] if args.depth is not None else []):
         narrator.tell(remark)
     targets: list[StreamTarget] = [window] if window else []
@@ -61,8 +64,13 @@ def run(args: argparse.Namespace) -> None:
     targets += [
         _target(place, args, stream, straightener) for place in places if place.kind != "window"
     ]
-    ended = _show(window, stream, straightener) if window else _stream(stream)
     counts = stream.statistics
+    try:
+        ended = _show(window, stream, straightener) if window else _stream(stream)
+    except RefracalError:
+        if counts.frames:
+            narrator.finish(counts)
+        raise
     narrator.finish(counts)
     if args.json:
         result = {**counts.as_json(), "view": asdict(straightener.view), "ended": ended}

@@ -42,6 +42,7 @@ class Straightener:
         self._depth_maps = DepthMaps(calibration, view, depth_file) if depth_file else None
         first = self._depth_maps.undistorter(view) if self._depth_maps else None
         self._maps: tuple[StreamView, Undistorter] = view, first or view.undistorter(calibration)
+        self._black = self._is_black()
         self._straight: NDArray[np.uint8] = np.empty(0, np.uint8)
         self.problem = ""
         """The sentence that says why the maps of the last change could not be made."""
@@ -76,6 +77,17 @@ class Straightener:
             return f"straight at {depth:.3g} m"
         return "straight by the depth image" + (
             "" if depth is None else f", where unknown at {depth:.3g} m"
+        )
+
+    def describe_black(self) -> str:
+        """Return a sentence if the depth image has no depth, so that all pictures are black; ""
+        otherwise.
+        """
+        if not (self._black and self.depth_file):
+            return ""
+        return (
+            f"{self.depth_file.path} has no depth of {self.depth_file.near:g} m or more, so the"
+            " pictures are black: --depth gives unknown pixels a distance."
         )
 
     def straighten(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -139,6 +151,7 @@ class Straightener:
             try:
                 self._maps = view, self._undistorter(view)
                 self.problem = ""
+                self._note_black()
             except RefracalError as error:
                 self.problem = str(error)
                 self._tell(self.problem)
@@ -146,6 +159,15 @@ class Straightener:
                 if view == self._next:
                     self._next = self._maker = None
                     return
+
+    def _is_black(self) -> bool:
+        return self._depth_maps is not None and not self._maps[1].valid.any()
+
+    def _note_black(self) -> None:
+        """Say once that pictures have become black."""
+        was_black, self._black = self._black, self._is_black()
+        if self._black and not was_black:
+            self._tell(self.describe_black())
 
     def _undistorter(self, view: StreamView) -> Undistorter:
         if self._depth_maps:

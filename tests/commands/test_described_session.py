@@ -452,6 +452,7 @@ def test_pictures_in_a_folder_that_cannot_be_written_become_a_session_of_the_out
         (["my photos", *BOARD, "--depth", "50cm"], "'50cm' is not a depth: write 0.5, in metres"),
         (["my photos", *BOARD, "--grid", "8x8", "9"], "9 is too much: the option in front"),
         (["text.txt", *BOARD], "text.txt is neither a picture nor a video"),
+        (["dive.mcap", *BOARD], "dive.mcap is a recording of ROS: `calib import bag`"),
         (["text.avi", *BOARD], "text.avi is not a video that can be read"),
         (["text.avi", "my photos"], "calib fit text.avi --board 9x6 --square-mm 25"),
         (["films"], "`calib fit films/a.mp4 --board 9x6 --square-mm 25` makes a session of it"),
@@ -480,6 +481,7 @@ def test_a_refusal_names_what_would_do(
     Path("empty").mkdir()
     Path("made").mkdir()
     Path("made/session.yaml").touch()
+    Path("dive.mcap").touch()
     Path("phone").mkdir()
     Path("phone/IMG_1.HEIC").touch()
     for folder in ("card/100", "card/101", "data/cam0/data", "data/.trash/data"):

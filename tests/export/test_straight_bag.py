@@ -23,6 +23,7 @@ from calib.session.dispersion import Dispersion
 from fixtures.known import known, lens_alone
 from fixtures.synthetic import scene
 from tests.io.bags import FRAME, INFO, NOTE, START_NS, TOPIC, jpeg, raw, read_bag, write_bag
+from tests.io.odd_bags import LEVELS, write_odd_bag
 
 WIDTH, HEIGHT = 328, 246
 DEPTH = 0.5
@@ -164,7 +165,18 @@ def test_a_static_transform_that_is_there_is_kept(saved: Path, tmp_path: Path, k
         (("source", "-o", "source", "--depth", "1"), "source is a folder"),
         (("source", "-o", "s.mcap", "--depth", "1", "--topic", "/x"), "no pictures on /x"),
         (("source", "source", "-o", "s.mcap", "--depth", "1"), "give it alone"),
-        (("source", "-o", "s.mcap", "--depth-image", "d.npy"), "at one depth: write --depth"),
+        (
+            ("source", "-o", "s.mcap", "--depth-image", "d.npy"),
+            "metres, or --depth-topic",
+        ),
+        (("source", "-o", "s.mcap", "--depth-topic", "/x"), "has no depth images on /x"),
+        (("source", "-o", "s.mcap", "--depth-topic", TOPIC), "no topic of pictures beside the"),
+        (
+            ("source", "-o", "s.mcap", "--depth-topic", TOPIC, "--topic", TOPIC),
+            "--topic and --depth-topic both name /camera/image_raw",
+        ),
+        (("p.png", "-o", "s", "--depth-topic", "/x"), "--depth-topic is for a bag"),
+        (("source", "-o", "s.mcap"), "or --depth-topic"),
         (("small", "-o", "s.mcap", "--depth", "1"), "is 32x24 px where the calibration is for"),
         (("p.png", "-o", "s", "--depth", "1", "--topic", "/x"), "--topic is for a bag"),
     ],
@@ -186,6 +198,73 @@ def test_wrong_usage_is_one_sentence_and_leaves_no_file(
     assert sentence in error.split("calib: error: ")[-1]
     assert error.count("calib: error: ") == 1
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_a_damaged_picture_is_left_out_and_the_others_are_straight(
+    calibration: Calibration,
+    saved: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    kind: str,
+) -> None:
+    good = [raw("bgr8", picture) for picture in PICTURES]
+    pictures = [replace(good[0], data=bytes(9)), good[1], raw("bgr8", PICTURES[2][:50]), good[2]]
+    source = write_bag(tmp_path / "source", kind, pictures)
+    output = tmp_path / "out" / ("s.bag" if kind == "bag" else "s.mcap")
+    topics = straightened(saved, source, output)
+    error = capsys.readouterr().err
+    assert "2 pictures are left out, the first for this: " in error
+    assert f"{TOPIC}: a picture of 328x246 px has only 9 bytes" in error
+    undistorter = Undistorter(calibration, DEPTH)
+    assert [time_ns for time_ns, _, _ in topics[TOPIC]] == [
+        read_bag(source)[TOPIC][number][0] for number in (1, 3)
+    ]
+    for picture, (_, _, message) in zip(PICTURES[1:], topics[TOPIC], strict=True):
+        np.testing.assert_array_equal(message_image(message), undistorter.undistort(picture))
+    assert len(topics[NOTE]) == 4
+    assert len(topics["/tf_static"]) == 1
+
+
+@pytest.mark.parametrize("definitions", [True, False])
+def test_messages_of_an_unknown_type_are_copied(
+    saved: Path, tmp_path: Path, definitions: bool
+) -> None:
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    source = write_odd_bag(tmp_path / "source", PICTURES[0], definitions=definitions)
+    output = tmp_path / "s.mcap"
+    command = ["undistort", str(saved), str(source), "--depth", "0.5", "-o", str(output)]
+    assert main(command) == 0
+    copies = []
+    for path in (source, output):
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            entries = [entry for entry in reader.messages() if entry[0].topic == LEVELS]
+        copies.append([(c.msgtype, time_ns, bytes(data)) for c, time_ns, data in entries])
+    assert len(copies[0]) == 3
+    assert copies[1] == copies[0]
+
+
+def test_other_messages_on_the_topic_of_the_pictures_are_copied(
+    calibration: Calibration, saved: Path, tmp_path: Path
+) -> None:
+    source = write_odd_bag(tmp_path / "source", PICTURES[0], level_topic=TOPIC)
+    messages = straightened(saved, source, tmp_path / "o" / "s.mcap")[TOPIC]
+    levels = [message.level for _, _, message in messages if hasattr(message, "level")]
+    assert levels == [0, 1, 2]
+    straight = [message_image(m) for _, _, m in messages if hasattr(m, "encoding")]
+    expected = Undistorter(calibration, DEPTH).undistort(PICTURES[0])
+    np.testing.assert_array_equal(straight, np.stack(3 * [expected]))
+
+
+def test_a_message_that_is_cut_is_left_out(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = write_odd_bag(tmp_path / "source", PICTURES[0], cut=True)
+    assert len(straightened(saved, source, tmp_path / "o" / "s.mcap")[TOPIC]) == 2
+    error = capsys.readouterr().err
+    assert f"1 picture is left out: {source}, {TOPIC}: a message is damaged (" in error
 
 
 def test_a_foreign_file_is_not_replaced(

@@ -16,7 +16,8 @@ from calib.importing.from_video import MAX_FRAMES
 from calib.io.frames_table import read_frame_records
 from calib.io.images import list_images, read_image
 from calib.session.session import read_session
-from tests.io.bags import INTERVAL_NS, KINDS, START_NS, RawPicture, jpeg, raw, write_bag
+from tests.io.bags import INTERVAL_NS, KINDS, START_NS, TOPIC, RawPicture, jpeg, raw, write_bag
+from tests.io.odd_bags import write_odd_bag
 
 BOARD = ("--board", "9x6", "--square-mm", "25")
 RNG = np.random.default_rng(2)
@@ -101,11 +102,43 @@ def test_a_wrong_topic_is_refused_and_no_folder_is_made(
     assert not session.exists()
 
 
-def test_a_damaged_picture_is_named_and_no_folder_is_made(
+SHORT = RawPicture("mono8", 32, 24, 32, bytes(9))
+SMALL = raw("bgr8", np.zeros((12, 16, 3), np.uint8))
+
+
+def test_pictures_that_cannot_be_used_are_left_out_and_counted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pictures = [raw("mono8", noise(1)[0][..., 0]), RawPicture("mono8", 32, 24, 32, bytes(9))]
-    bag = write_bag(tmp_path / "source", "mcap", pictures)
+    first, last = noise(2)
+    session = imported(tmp_path, "mcap", [SHORT, raw("bgr8", first), SMALL, raw("bgr8", last)])
+    error = capsys.readouterr().err
+    assert "2 pictures are left out, the first for this: " in error
+    assert "/camera/image_raw: a picture of 32x24 px has only 9 bytes" in error
+    paths = list_images(session / "frames")
+    assert [path.name for path in paths] == ["1.png", "3.png"], "numbered as in the recording"
+    np.testing.assert_array_equal(read_image(paths[1]), last)
+    session = imported(tmp_path / "size", "bag", [raw("bgr8", first), SMALL])
+    error = capsys.readouterr().err
+    assert "1 picture is left out: " in error
+    assert "a picture has 16x12 px and the first one 32x24 px" in error
+
+
+def test_a_cut_message_and_other_types_on_the_topic_are_no_pictures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (picture,) = noise(1)
+    bag = write_odd_bag(tmp_path / "bag", picture, level_topic=TOPIC, cut=True, definitions=True)
+    session = tmp_path / "session"
+    assert main(["import", "bag", str(bag), *BOARD, "-o", str(session)]) == 0
+    assert "1 picture is left out: " in capsys.readouterr().err
+    assert len(list_images(session / "frames")) == 2
+
+
+@pytest.mark.parametrize("count", [1, 40])
+def test_a_recording_without_a_picture_that_can_be_used_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], count: int
+) -> None:
+    bag = write_bag(tmp_path / "source", "mcap", count * [SHORT])
     session = tmp_path / "session"
     assert main(["import", "bag", str(bag), *BOARD, "-o", str(session)]) == 2
     error = capsys.readouterr().err

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 TOPIC = "/camera/image_raw"
 INFO = "/camera/camera_info"
 NOTE = "/note"
+DEPTHS = "/camera/depth"
 FRAME = "camera_optical"
 START_NS = 1_700_000_000_000_000_000
 INTERVAL_NS = 100_000_000
@@ -61,6 +62,7 @@ def write_bag(
     topic: str = TOPIC,
     info: bool = True,
     transforms: bool = False,
+    depths: Mapping[int, RawPicture | Mapping[str, object]] | None = None,
 ) -> Path:
     """Write a recording with pictures, notes between them, and a camera_info for each picture, and
     return what a person would name.
@@ -72,6 +74,8 @@ def write_bag(
         topic: of the pictures.
         info: False to leave camera_info out.
         transforms: True for a static transform of something else.
+        depths: depth images by their time in ns after the first picture, in order. They are
+            recorded 20 ms later.
     """
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin, Writer
@@ -89,11 +93,13 @@ def write_bag(
     place.parent.mkdir(parents=True, exist_ok=True)
     writer: Any = Writer1(place) if is_ros1 else Writer(place, version=9, storage_plugin=plugin)
     compressed = isinstance(pictures[0], Mapping)
-    image_type = f"sensor_msgs/msg/{'CompressedImage' if compressed else 'Image'}"
+    image_types = ["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"]
     with writer:
-        names = {topic: image_type, NOTE: "std_msgs/msg/String"}
+        names = {topic: image_types[compressed], NOTE: "std_msgs/msg/String"}
         if info:
             names[INFO] = "sensor_msgs/msg/CameraInfo"
+        if depths:
+            names[DEPTHS] = image_types[isinstance(next(iter(depths.values())), Mapping)]
         if transforms:
             names["/tf_static"] = "tf2_msgs/msg/TFMessage"
         connections = {
@@ -105,24 +111,37 @@ def write_bag(
             message = types[names[name]](*fields)
             writer.write(connections[name], time_ns, serialize(message, names[name]))
 
-        if transforms:
-            write("/tf_static", START_NS - 1, [])
-        for number, picture in enumerate(pictures):
-            time_ns = START_NS + number * INTERVAL_NS
+        def header_at(time_ns: int, number: int) -> Any:
             stamp = types["builtin_interfaces/msg/Time"](time_ns // 10**9, time_ns % 10**9)
             sequence = (number,) if is_ros1 else ()
-            header = types["std_msgs/msg/Header"](*sequence, stamp, FRAME)
+            return types["std_msgs/msg/Header"](*sequence, stamp, FRAME)
+
+        def write_picture(
+            name: str, time_ns: int, header: Any, picture: RawPicture | Mapping[str, object]
+        ) -> None:
+            if not isinstance(picture, RawPicture):
+                write(name, time_ns, header, picture["format"], picture["data"])
+                return
+            data = np.frombuffer(picture.data, np.uint8)
+            size = picture.height, picture.width
+            endian = int(picture.big_endian)
+            fields = (header, *size, picture.encoding, endian, picture.step, data)
+            write(name, time_ns, *fields)
+
+        if transforms:
+            write("/tf_static", START_NS - 1, [])
+        for number, (after_ns, depth) in enumerate((depths or {}).items()):
+            time_ns = START_NS + after_ns
+            write_picture(DEPTHS, time_ns + 20_000_000, header_at(time_ns, number), depth)
+        for number, picture in enumerate(pictures):
+            time_ns = START_NS + number * INTERVAL_NS
+            header = header_at(time_ns, number)
             delayed_ns = time_ns + 5_000_000  # the recorder's clock, not the camera's
-            if isinstance(picture, RawPicture):
-                data = np.frombuffer(picture.data, np.uint8)
-                size = picture.height, picture.width
-                endian = int(picture.big_endian)
-                fields = (header, *size, picture.encoding, endian, picture.step, data)
-                write(topic, delayed_ns, *fields)
-            else:
-                size = 4, 4
-                write(topic, delayed_ns, header, picture["format"], picture["data"])
+            write_picture(topic, delayed_ns, header, picture)
             if info:
+                size = (
+                    (picture.height, picture.width) if isinstance(picture, RawPicture) else (4, 4)
+                )
                 matrix = np.array([500.0, 0, 70, 0, 510, 50, 0, 0, 1])
                 rest = (matrix, np.eye(3).ravel(), np.zeros(12), 0, 0)
                 region = types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)

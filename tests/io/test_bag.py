@@ -11,7 +11,8 @@ import pytest
 pytest.importorskip("rosbags", reason="the extra `bags` is not installed")
 
 from calib.errors import InputError
-from calib.io.bag import is_bag, open_bag
+from calib.io.bag import open_bag
+from calib.io.bag_names import is_bag
 from calib.io.bag_picture import ENCODINGS, message_image, with_image
 from tests.io.bags import KINDS, TOPIC, RawPicture, jpeg, png, raw, read_bag, write_bag
 

@@ -1,5 +1,5 @@
-"""Suites of other projects: `python -m tests.suites [aquacal] [calibmar] [ncore] [newton]`, by
-default all.
+"""Suites of other projects: `python -m tests.suites [aquacal] [calibmar] [colmap] [ncore]
+[newton]`, by default all.
 
 Fetches each into ~/.cache/refracal-suites (or $REFRACAL_SUITES) and runs our tests that use it.
 Exit code 1: a test failed. 77: a suite cannot be fetched on this machine; the others passed.

@@ -24,7 +24,9 @@ class Suite:
     rest, and some would bring another OpenCV.
     """
     repository: str
-    """The address of a git repository, if the suite is no package."""
+    """The address of a git repository, if the suite is no package. Its packages then lie beside
+    it.
+    """
     tests: tuple[str, ...]
     """The arguments of pytest."""
 
@@ -33,24 +35,33 @@ class Suite:
         return CACHE / self.name
 
     @property
+    def packages_folder(self) -> Path:
+        return CACHE / f"{self.name}-packages" if self.repository else self.folder
+
+    @property
     def skipped(self) -> str:
         """The reason why a test is skipped if the suite is not there."""
         return f"{self.name} is not there: python -m tests.suites {self.name} fetches and runs it"
 
     def fetch(self) -> None:
-        """Fetch the suite if it is not there; CalledProcessError if that fails."""
-        if self.folder.is_dir():
-            return
-        temporary = self.folder.with_name(f"{self.name}.tmp")
+        """Fetch what is not there; CalledProcessError if that fails."""
         if self.repository:
-            command = ["git", "clone", "--quiet", "--depth", "1", self.repository, str(temporary)]
-        else:
-            command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps"]
-            command += ["--target", str(temporary), *self.packages]
-        CACHE.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(temporary, ignore_errors=True)  # of a fetch that was interrupted
-        subprocess.run(command, check=True)
-        temporary.rename(self.folder)
+            clone = ["git", "clone", "--quiet", "--depth", "1", self.repository]
+            fetch_into(self.folder, clone)
+        if self.packages:
+            install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps"]
+            fetch_into(self.packages_folder, [*install, *self.packages, "--target"])
+
+
+def fetch_into(folder: Path, command: list[str]) -> None:
+    """Run a command, whose last argument will be a folder, unless that folder is there."""
+    if folder.is_dir():
+        return
+    temporary = folder.with_name(f"{folder.name}.tmp")
+    CACHE.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(temporary, ignore_errors=True)  # of a fetch that was interrupted
+    subprocess.run([*command, str(temporary)], check=True)
+    temporary.rename(folder)
 
 
 AQUACAL = Suite(
@@ -62,10 +73,17 @@ AQUACAL = Suite(
 )
 CALIBMAR = Suite(
     name="calibmar",
-    needs="git, github.com",
-    packages=(),
+    needs="git, github.com, PyPI, a C++ compiler",
+    packages=("cmeel-eigen",),
     repository="https://github.com/MDSKiel/calibmar",
-    tests=("tests/suites/test_calibmar.py",),
+    tests=("tests/suites/test_calibmar.py", "tests/suites/test_colmap_ports.py"),
+)
+COLMAP = Suite(
+    name="colmap",
+    needs="PyPI, 40 MB",
+    packages=("pycolmap",),
+    repository="",
+    tests=("tests/export/test_consumers.py", "-k", "pycolmap"),
 )
 NCORE = Suite(
     name="ncore",
@@ -95,4 +113,4 @@ NEWTON = Suite(
     repository="",
     tests=("tests/suites/test_newton.py",),
 )
-SUITES = (AQUACAL, CALIBMAR, NCORE, NEWTON)
+SUITES = (AQUACAL, CALIBMAR, COLMAP, NCORE, NEWTON)

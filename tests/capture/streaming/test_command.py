@@ -181,6 +181,7 @@ def test_http_prints_its_address_and_the_result_on_stdout(saved: Path, camera: P
         (("--to", "http:0", "--scale", "9"), 2, "scale is 9: write a number from 0.05 to 4"),
         (("--to", "http:0", "--source", "no"), 2, "--source no names no kind of source"),
         (("--to", "http:0", "--source", "folder:/no"), 2, "/no"),
+        (("--to", "http:0", "--source", "video:a.mcap"), 2, "a.mcap is a recording of ROS: `calib"),
     ],
 )
 def test_wrong_usage_is_one_sentence(
@@ -196,6 +197,24 @@ def test_wrong_usage_is_one_sentence(
     error = capsys.readouterr().err
     assert sentence in error
     assert error.count("calib: error: ") == 1
+
+
+def test_a_video_that_breaks_off_is_counted_all_the_same(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, SIZE)
+    for level in range(40):
+        writer.write(np.full((*SIZE[::-1], 3), level, np.uint8))
+    writer.release()
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    command = ["stream", str(saved), "--depth", "0.5", "--source", f"video:{path}"]
+    assert main([*command, "--to", "-"]) == 2
+    *_, counts, error = capsys.readouterr().err.splitlines()
+    frames = int(error.split("breaks off after ")[1].split()[0])
+    assert 10 < frames < 30
+    assert counts.startswith(f"{frames} frames, ")
 
 
 def test_without_the_package_http_says_what_to_install(

@@ -222,6 +222,22 @@ def test_unknown_depths_are_black_or_get_the_depth_of_the_view(
     assert not straightener.straighten(picture)[:100].any()
 
 
+def test_a_depth_image_without_any_depth_is_told_once(
+    window: Calibration, picture: np.ndarray, tmp_path: Path
+) -> None:
+    path = tmp_path / "depth.npy"
+    remarks = Remarks()
+    known = two_planes(window)
+    straightener = follow(window, write_depths(path, known), remarks=remarks)
+    assert straightener.describe_black() == ""
+    for depths in (np.zeros_like(known), np.full_like(known, np.nan), known, 0.01 * known):
+        write_depths(path, depths)
+        wait_for_maps(straightener, picture)
+    black = f"{path} has no depth of 0.1 m or more, so the pictures are black: "
+    assert [sentence.startswith(black) for sentence in remarks.sentences] == [True, True]
+    assert straightener.describe_black().startswith(black)
+
+
 def test_a_damaged_or_missing_file_is_reported_once_and_the_last_depths_stay(
     window: Calibration,
     picture: np.ndarray,
