@@ -36,7 +36,7 @@ from calib.inference.varying_numbers import (
 from calib.inference.view_variation import (
     find_variations,
     largest_gain,
-    structure_of_no_cause,
+    nameless_variation,
 )
 from calib.optics.build import covered_path, pinhole_path
 from calib.optics.exposure import MIDDLE
@@ -328,8 +328,8 @@ def test_what_has_no_known_cause_has_no_name(name: str) -> None:
         assert "the distortion of the picture follows the distance of the board" in str(differing)
 
 
-def test_structure_of_no_cause_is_told_without_a_name() -> None:
-    structure = structure_of_no_cause(50.0, 3)
+def test_a_nameless_variation_is_told_without_a_name() -> None:
+    structure = nameless_variation(50.0, 3)
     differing = Differing((structure,), (1.0,), ("a", "b", "c"))
     assert not differing.named
     assert not differing.likely
