@@ -135,7 +135,7 @@ def test_the_gain_is_that_of_dense_algebra(kind: VariationKind) -> None:
     variation = (
         equations.in_every_view
         if kind is VariationKind.EACH
-        else equations.following(kind, time_patterns(np.linspace(0, 1, 5))[kind][0])
+        else equations.variation_along(kind, time_patterns(np.linspace(0, 1, 5))[kind][0])
     )
     assert variation.gain > 1
     columns = rows.columns(group) * variation.scales
@@ -294,7 +294,7 @@ def test_what_no_view_determines_ends_no_question() -> None:
     """Rounding errors make the information about it indefinite."""
     made = session(8, "wet-flat")
     rows = VariationRows.of(optimum(made), context_of(made))
-    values, axes = np.linalg.eigh(VariationEquations.of(rows)._reduced[:-1, :-1])
+    values, axes = np.linalg.eigh(VariationEquations.of(rows)._shared_products[:-1, :-1])
     lost = (values[0] + 1e-14 * values[-1]) * np.outer(axes[:, 0], axes[:, 0])
     indefinite = replace(rows, precision=rows.precision - lost)
     assert np.isfinite(VariationEquations.of(indefinite).solution).all()
