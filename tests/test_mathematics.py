@@ -1,7 +1,4 @@
-"""docs/mathematics.md names code that exists, and its formulas are those of the code."""
-
-import re
-from pathlib import Path
+"""The formulas of docs/mathematics.md are those of the code."""
 
 import numpy as np
 import pytest
@@ -16,22 +13,9 @@ from calib.optics.snell import Refraction
 from calib.optics.vector import Vector
 from calib.session.board import Board
 
-ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
-
 
 def number(value: float) -> torch.Tensor:
     return torch.tensor(value, dtype=torch.float64)
-
-
-def test_every_file_that_the_page_names_exists() -> None:
-    """A name without a folder is in the folder that the page names last before it."""
-    folder = Path()
-    references = re.findall(r"`((?:calib/[\w/]+/)?)(\w+\.py)?`", PAGE)
-    assert len([name for _, name in references if name]) > 20
-    for parent, name in references:
-        folder = ROOT / parent if parent else folder
-        assert not name or (folder / name).is_file(), f"{parent}{name}"
 
 
 def test_a_ray_meets_the_cone_where_the_page_says() -> None:
