@@ -14,7 +14,7 @@ from calib.io.numerals import counted
 
 if TYPE_CHECKING:
     from calib.corners.board_search import FoundBoard
-    from calib.importing.picture_session import NamedPictures
+    from calib.importing.named_pictures import NamedPictures
     from calib.progress import Progress
     from calib.session.board import Board
 
@@ -70,7 +70,7 @@ def _declared_board(
     """
     from calib.corners.board_search import shrink
     from calib.corners.other_coding import find_other_numbering
-    from calib.importing.picture_session import sample
+    from calib.importing.named_pictures import sample
 
     options = board_options(args)
     if any(key not in options for key in NEEDED.get(str(options.get("type")), ())):
@@ -126,7 +126,7 @@ def _find_board(args: argparse.Namespace, source: "NamedPictures", progress: "Pr
             missing.
     """
     from calib.corners.board_search import search_board
-    from calib.importing.picture_session import EXAMPLE, sample
+    from calib.importing.named_pictures import EXAMPLE, sample
     from calib.session.board_section import read_board
     from calib.session.schema import Section
 

@@ -31,7 +31,7 @@ from calib.io.shell import shell_path
 from calib.session.lens import LENSES
 
 if TYPE_CHECKING:
-    from calib.importing.picture_session import NamedPictures
+    from calib.importing.named_pictures import NamedPictures
     from calib.progress import Progress
     from calib.session.session import Session
 
@@ -121,14 +121,12 @@ def session_of(args: argparse.Namespace, progress: "Progress") -> DescribedSessi
     Raises:
         InputError: the pictures need a description; the message has the command that gives it.
     """
+    from calib.importing.named_pictures import DESCRIPTION, choose_pictures, find_pictures
     from calib.importing.picture_session import (
         COMMAND,
-        DESCRIPTION,
         Description,
         check_replaceable,
-        choose_pictures,
         describe_pictures,
-        find_pictures,
     )
     from calib.io.files import read_file, reading
     from calib.session.cover_section import read_cover
@@ -203,7 +201,7 @@ def _check_changeable(args: argparse.Namespace, source: "NamedPictures") -> None
     """Raise InputError if there is a session.yaml that Refracal did not write, or that has changed
     since: options do not change it.
     """
-    from calib.importing.picture_session import DESCRIPTION
+    from calib.importing.named_pictures import DESCRIPTION
     from calib.io.output_folder import OutputFolder
 
     file = source.session / DESCRIPTION

@@ -9,12 +9,12 @@ from calib.commands.described_board import board_options
 from calib.session.lens import AUTO, OPENCV
 
 if TYPE_CHECKING:
-    from calib.importing.picture_session import NamedPictures
+    from calib.importing.named_pictures import NamedPictures
 
 
 def earlier_document(source: "NamedPictures") -> dict[str, object]:
     """Return the session.yaml that is to be replaced; empty if there is none."""
-    from calib.importing.picture_session import DESCRIPTION
+    from calib.importing.named_pictures import DESCRIPTION
     from calib.io.yaml_reader import read_yaml
 
     return dict(read_yaml(source.session / DESCRIPTION)) if source.is_described else {}
