@@ -59,6 +59,7 @@ SAMPLED_CORNERS = 12
 """Corners of each view whose rays are traced when a file is read; all corners of a thousand views
 would take a second.
 """
+BEND_TERMS_OF_DEGREE_2 = 3
 MIN_LANDED_FRACTION = 0.5
 """Fraction of the sampled corners whose rays must reach the view's board. All corners of a fitted
 view do, except outliers.
@@ -85,7 +86,7 @@ def read_content(path: str | FilePath) -> CalibrationContent:
         path = path / CALIBRATION_FILE if path.is_dir() else path
         document, arrays = _read_pair(path)
     try:
-        return _from_mapping(document, arrays, path)
+        return _content_of_files(document, arrays, path)
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
             f"{path} is not a whole calibration ({brief(error)}): fit the session again."
@@ -161,7 +162,7 @@ def array_bytes(content: CalibrationContent) -> memoryview:
 def check_readable(document: dict[str, Any], arrays: memoryview) -> None:
     """Raise NotEnoughDataError if `read_content` would refuse the two files."""
     try:
-        _from_mapping(document, decode_npz(bytes(arrays)), FilePath(CALIBRATION_FILE))
+        _content_of_files(document, decode_npz(bytes(arrays)), FilePath(CALIBRATION_FILE))
     except (InputError, ValueError) as error:
         raise NotEnoughDataError(
             "The views do not determine a number of the camera or cover, so that no calibration is"
@@ -222,9 +223,20 @@ def _where_to_find(path: FilePath) -> str:
     return "give the folder that calib fit wrote"
 
 
-def _from_mapping(
+def _content_of_files(
     document: dict[str, Any], arrays: dict[str, NDArray[Any]], path: FilePath
 ) -> CalibrationContent:
+    """Return the content of a calibration from its two files.
+
+    Args:
+        document: the mapping of calibration.yaml.
+        arrays: those of calibration.npz.
+        path: calibration.yaml, for messages.
+
+    Raises:
+        InputError: board, camera or cover is not described as in a session.yaml.
+        LookupError, TypeError, ValueError: the files are not those of a calibration.
+    """
     CALIBRATION(document, "")
     target: dict[str, object] = {
         key: document[key] for key in ("board", "target") if key in document
@@ -242,9 +254,7 @@ def _from_mapping(
     if relief and cover.shape == "none":
         raise ValueError("there is a relief and no cover")
     view_count = len(arrays["names"])
-    effects = tuple(AddedEffect(*effect_from_yaml(mapping)) for mapping in document["effects"])
-    if any(len(e.effect.pattern) != view_count for e in effects if isinstance(e.effect, Varying)):
-        raise ValueError("an effect has a pattern that is not of these views")
+    effects = _effects(document, view_count)
     check_stages(
         [stage["name"] for stage in document["stages"]],
         has_cover=cover.shape != "none",
@@ -258,9 +268,9 @@ def _from_mapping(
         has_covariance=arrays["covariance"].size > 0,
         has_relief=relief is not None,
     )
-    blocks = {POSE, *(added.effect.per_view for added in effects)} - {""}
-    arrays = arrays | {"poses": _with_all_bends(arrays["poses"], blocks)}
-    check_arrays(arrays, relief, board, sum(VIEW_BLOCKS[block] for block in blocks))
+    view_blocks = {POSE, *(added.effect.per_view for added in effects)} - {""}
+    arrays = arrays | {"poses": _with_all_bend_terms(arrays["poses"], view_blocks)}
+    check_arrays(arrays, relief, board, sum(VIEW_BLOCKS[block] for block in view_blocks))
     content = CalibrationContent(
         board=board,
         camera=camera,
@@ -287,15 +297,22 @@ def _from_mapping(
         refracal=document["refracal"],
         corners_at=arrays.get("corners_at", np.zeros((0, 3))),
     )
-    if content.covariance.size:
-        count = content.camera_model().parameters.count
-        if len(content.covariance) != count:
-            raise ValueError(
-                f"covariance is of {len(content.covariance)} parameters where {count} were"
-                " estimated"
-            )
+    _check_covariance_size(content)
     _check_views(content)
     return content
+
+
+def _effects(document: dict[str, Any], view_count: int) -> tuple[AddedEffect, ...]:
+    """Return the effects of a calibration.
+
+    Raises:
+        ValueError: an effect varies over views, but not over these.
+    """
+    effects = tuple(AddedEffect(*effect_from_yaml(mapping)) for mapping in document["effects"])
+    for added in effects:
+        if isinstance(added.effect, Varying) and len(added.effect.pattern) != view_count:
+            raise ValueError("an effect has a pattern that is not of these views")
+    return effects
 
 
 def _declared(declared: dict[str, Any], target: dict[str, object], path: FilePath) -> Declared:
@@ -307,15 +324,15 @@ def _declared(declared: dict[str, Any], target: dict[str, object], path: FilePat
     return Declared(camera.intrinsics, cover, tuple(map(str, declared.get("doubted", ()))))
 
 
-def _with_all_bends(poses: NDArray[Any], blocks: set[str]) -> NDArray[Any]:
-    """Return the parameters of views, in which a board that bends in every view has all terms: an
-    earlier version wrote those of degree 2 alone.
+def _with_all_bend_terms(poses: NDArray[Any], view_blocks: set[str]) -> NDArray[Any]:
+    """Return the (V, B) parameters of views with all terms of a bend that each view has. An earlier
+    version wrote those of degree 2 alone; the others are then 0.
     """
-    lacking = sum(VIEW_BLOCKS[block] for block in blocks) - poses.shape[-1]
-    if FLEX not in blocks or lacking != VIEW_BLOCKS[FLEX] - 3:
+    missing = sum(VIEW_BLOCKS[block] for block in view_blocks) - poses.shape[-1]
+    if FLEX not in view_blocks or missing != VIEW_BLOCKS[FLEX] - BEND_TERMS_OF_DEGREE_2:
         return poses
-    end = block_columns(blocks)[FLEX].start + 3
-    return np.insert(poses, [end] * lacking, 0.0, axis=1)
+    end = block_columns(view_blocks)[FLEX].start + BEND_TERMS_OF_DEGREE_2
+    return np.insert(poses, [end] * missing, 0.0, axis=1)
 
 
 def _views(arrays: dict[str, NDArray[Any]]) -> tuple[View, ...]:
@@ -339,6 +356,17 @@ def _views(arrays: dict[str, NDArray[Any]]) -> tuple[View, ...]:
     )
 
 
+def _check_covariance_size(content: CalibrationContent) -> None:
+    """Raise ValueError if the covariance is not of the parameters that the fit estimated."""
+    if not content.covariance.size:
+        return
+    count = content.camera_model().parameters.count
+    if len(content.covariance) != count:
+        raise ValueError(
+            f"covariance is of {len(content.covariance)} parameters where {count} were estimated"
+        )
+
+
 def _check_views(content: CalibrationContent) -> None:
     """Raise ValueError if a view has corners or a pose that no fit could have: too few corners for
     a pose, corners outside the picture, or rays that do not reach the board.
@@ -347,17 +375,17 @@ def _check_views(content: CalibrationContent) -> None:
     _, unusable = split_usable_views(views, content.board)
     if unusable:
         raise ValueError(f"{unusable[0].name}: {unusable[0].reason}")
-    last = np.array([camera.width, camera.height]) - 0.5
+    right_and_bottom = np.array([camera.width, camera.height]) - 0.5
     for view in views:
         corners = view.corners[view.seen]
-        if ((corners < -0.5) | (corners > last)).any():
+        if ((corners < -0.5) | (corners > right_and_bottom)).any():
             raise ValueError(f"{view.name} has a corner outside the picture")
     if not views:
         return
     observations = content.observations
-    row = torch.arange(len(observations.view)) - observations.starts[observations.view]
+    index_in_view = torch.arange(len(observations.view)) - observations.starts[observations.view]
     spacing = (observations.starts.diff()[observations.view] // SAMPLED_CORNERS).clamp(min=1)
-    sample = observations.select_rows(row % spacing == 0)
+    sample = observations.select_rows(index_in_view % spacing == 0)
     path, values = content.model()
     with single_thread():
         reached = reach_board(path, values, sample, torch.from_numpy(content.poses))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.calibration import Calibration
-from calib.calibration_file import _with_all_bends
+from calib.calibration_file import _with_all_bend_terms
 from calib.errors import InputError, NotEnoughDataError
 from calib.fitting.fit import fit
 from calib.optics.board_target import FLEX, FOCAL, POSE
@@ -299,7 +299,7 @@ def test_an_array_that_could_not_be_read_back_is_not_written(
 def test_bends_of_views_that_an_earlier_version_wrote_are_read() -> None:
     """They were of degree 2. What stands behind them, such as a focal length, stays there."""
     written = np.arange(20.0).reshape(2, 10)
-    read = _with_all_bends(written, {POSE, FLEX, FOCAL})
+    read = _with_all_bend_terms(written, {POSE, FLEX, FOCAL})
     np.testing.assert_array_equal(read[:, [*range(9), -1]], written)
     np.testing.assert_array_equal(read[:, 9:-1], np.zeros((2, 9)))
-    np.testing.assert_array_equal(_with_all_bends(read, {POSE, FLEX, FOCAL}), read)
+    np.testing.assert_array_equal(_with_all_bend_terms(read, {POSE, FLEX, FOCAL}), read)

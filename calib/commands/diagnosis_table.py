@@ -91,6 +91,8 @@ def _legend(finding: Diagnosis) -> Iterator[str]:
         yield "Plain fit: this model with a flat board and no effect."
         yield "It uses the priors of the given fit, so it may differ a"
         yield 'little from the row "fitted cover" of calib fit.'
+    if not finding.added:
+        yield "This fit: where the diagnosis starts, with nothing added."
 
 
 def _candidate_lines(finding: Diagnosis) -> Iterator[str]:

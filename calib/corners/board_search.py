@@ -10,15 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.corners.board_markers import select_board_markers
 from calib.corners.board_size import shown_size
-from calib.corners.coded import (
-    measure_marker_size,
-    measure_spacing,
-    refine_tag_outlines,
-    select_board_markers,
-)
 from calib.corners.detection import NotFound
 from calib.corners.markers import Markers, marker_places, read_markers
+from calib.corners.misprint import measure_marker_size, measure_spacing, refine_tag_outlines
 from calib.corners.other_coding import (
     MARKER_FRACTIONS,
     MAX_COLUMNS,

@@ -5,15 +5,13 @@ edges, as on a checkerboard. OpenCV's own step from markers to the corners of a 
 used: before version 5 it returns corners that are half a pixel off.
 """
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.corners.board_markers import MARKER_ADVICE, MIN_COUNT, select_board_markers
 from calib.corners.detection import Detection, NotFound
 from calib.corners.local_map import LocalMap
-from calib.corners.marker_links import group_markers
 from calib.corners.markers import (
     THRESHOLD_WINDOWS,
     Markers,
@@ -24,6 +22,15 @@ from calib.corners.markers import (
     read_small_markers,
 )
 from calib.corners.measure import MeasuredCorners, measure_corners
+from calib.corners.misprint import (
+    LOCATED_SPACING_TOLERANCE,
+    MARKER_NOISE,
+    MEASURED_SPACING_TOLERANCE,
+    STOP,
+    describe_misprint,
+    describe_other_spacing,
+    has_declared_spacing,
+)
 from calib.corners.outlier_corners import CORNER_NOISE, remove_outlier_corners
 from calib.corners.tag_outline import edge_vectors, measure_outlines
 from calib.session.board import Board
@@ -31,36 +38,24 @@ from calib.session.coding import AprilGrid, Charuco
 
 Floats = NDArray[np.float64]
 
-MARKER_ADVICE = "show more of it, sharp, evenly lit and larger"
-MARKER_NOISE = 1.0  # px, of a marker's corners
-MARKER_RADIUS = 0.75  # sides, from a marker's middle: half a diagonal, on either kind of board
-NEIGHBOUR_RADIUS = 1.35  # sides, from a located corner: how far other corners are looked for
-PICTURE_BORDER = 3.0  # px at the picture's rim, where no corner is measured
-# of the distance around a corner within which only its own edges are visible:
-WINDOW = 0.6  # cornerSubPix's half-size
-SQUARE_SAMPLE = 0.6  # where the four squares around the corner are sampled
-WINDOW_LIMITS = (2, 10)  # px
-STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
-MIN_CONTRAST = 0.5  # of the usual contrast: less is no corner
-MAX_DIFFERENCE = 0.5  # of the contrast, between two squares that are opposite
-PAST_LAST_ROW = "beyond the last row"
-"""The reason for rejecting a picture with markers there contains this phrase; the verdict looks for
-it.
+MARKER_RADIUS = 0.75
+"""Sides, from a marker's middle: half a diagonal, on either kind of board."""
+NEIGHBOUR_RADIUS = 1.35
+"""Sides, from a located corner: how far other corners are looked for."""
+PICTURE_BORDER = 3.0
+"""px at the picture's rim, where no corner is measured."""
+WINDOW = 0.6
+"""cornerSubPix's half-size, in parts of the distance around a corner within which only its own
+edges are visible.
 """
-MIN_MARKERS_PAST_LAST_ROW = 2
-"""Markers at places that only a board with more rows has: a single one may be misread."""
-MIN_COUNT = 4
-"""Corners or markers that are needed to conclude anything from them about others."""
-# px that a marker's side is measured too short: its outline runs through the middles of its
-# outermost pixels
-OUTLINE_LOSS = 1.0
-SIZE_TOLERANCE = 0.1  # of a marker: its size is measured to some hundredths
-# The tolerances of an AprilGrid's spacing, in parts of a tag's side. Measured corners determine it
-# to thousandths; a lens changes it by one or two hundredths.
-MEASURED_SPACING_TOLERANCE = 0.02
-LOCATED_SPACING_TOLERANCE = 0.03  # with corners by cornerSubPix, for tags of 20 px
-OUTLINE_SPACING_TOLERANCE = 0.06  # with the corners of the tags' outlines
-OUTLINE_WINDOW = (3, 3)  # px, cornerSubPix's half-size around the corners of a tag's outline
+SQUARE_SAMPLE = 0.6
+"""The place, in parts of the same distance, where the four squares around a corner are sampled."""
+WINDOW_LIMITS = (2, 10)
+"""px"""
+MIN_CONTRAST = 0.5
+"""Of the usual contrast: less is no corner."""
+MAX_DIFFERENCE = 0.5
+"""Of the contrast, between two squares that are opposite."""
 
 
 def find_coded_board(
@@ -82,7 +77,7 @@ def find_coded_board(
         else _measure_consistent_corners(every_bit, _add_neighbours(located, board, grey), board)
     )
     if isinstance(board.coding, AprilGrid) and (
-        problem := _describe_other_spacing(
+        problem := describe_other_spacing(
             measured.corners, board, board.coding, MEASURED_SPACING_TOLERANCE
         )
     ):
@@ -121,13 +116,13 @@ def locate_corners(
     if isinstance(board_markers, NotFound):
         return board_markers
     corners = _locate_marker_corners(board_markers, board, grey)
-    problem = _describe_misprint(board_markers, board, grey)
-    if problem and not _has_declared_spacing(corners, board):
+    problem = describe_misprint(board_markers, board, grey)
+    if problem and not has_declared_spacing(corners, board):
         return NotFound(problem)
     if np.isfinite(corners[:, 0]).sum() < MIN_COUNT:
         return NotFound(f"hardly any corner of the {board} board can be seen: {MARKER_ADVICE}")
     if isinstance(board.coding, AprilGrid) and (
-        problem := _describe_other_spacing(corners, board, board.coding, LOCATED_SPACING_TOLERANCE)
+        problem := describe_other_spacing(corners, board, board.coding, LOCATED_SPACING_TOLERANCE)
     ):
         return NotFound(problem)
     return corners
@@ -243,191 +238,6 @@ def _measure_tags(
         np.where(kept[:, None, None], covariances, np.nan),
         np.where(kept[:, None], blurs, np.nan),
     )
-
-
-def select_board_markers(markers: Markers, board: Board) -> Markers | NotFound:
-    """Return the markers that lie as on the board, with numbers that count from its first marker,
-    or the reason not to trust any of them.
-    """
-    assert board.coding
-    first = board.coding.first_marker
-    markers = Markers(markers.numbers - first, markers.corners)
-    places = marker_places(board)
-    identified = markers.select((markers.numbers >= 0) & (markers.numbers < len(places)))
-    foreign = len(markers.numbers) - len(identified.numbers)
-    if foreign >= max(3, len(identified.numbers) / 5):
-        return NotFound(
-            f"markers with numbers up to {markers.numbers.max() + first} are seen, where a {board}"
-            f" board has {first} to {first + len(places) - 1}: correct columns, rows, first_marker"
-            " or dictionary in session.yaml, or show this board alone",
-            "other",
-        )
-    if not len(identified.numbers):
-        return NotFound(f"no marker of the {board} board found: {MARKER_ADVICE}", "none")
-    if (
-        foreign >= MIN_MARKERS_PAST_LAST_ROW
-        and (past_last_row := _count_markers_past_last_row(markers, board))
-        >= MIN_MARKERS_PAST_LAST_ROW
-    ):
-        return NotFound(
-            f"{past_last_row} markers are seen {PAST_LAST_ROW} of the {board} board, as on one with"
-            " more: correct board.rows in session.yaml",
-            "other",
-        )
-    groups = group_markers(identified, places[identified.numbers], _marker_pitch(board))
-    if len(groups[0]) < 2 and len(identified.numbers) < MIN_COUNT:
-        return NotFound(
-            f"no two markers lie as on the {board} board: {MARKER_ADVICE}, or correct board in"
-            " session.yaml",
-            "none",
-        )
-    repeated = _find_repeated_number(identified)
-    if repeated is not None and len(groups[0]) > 1:
-        return NotFound(
-            f"marker {repeated + first} of the {board} board is seen twice: show one board alone,"
-            " with each of its markers once"
-        )
-    if len(groups[0]) < 2 or (len(groups) > 1 and len(groups[1]) > 1):
-        reason = (
-            f"the markers do not lie as on one {board} board: correct board in session.yaml, or"
-            " show one board alone"
-        )
-        return NotFound(reason, "other")
-    return identified.select(groups[0])
-
-
-def _count_markers_past_last_row(markers: Markers, board: Board) -> int:
-    """Count the markers that this board lacks, but that lie beside its own as on a taller board."""
-    count = len(marker_places(board))
-    # three times keep the rows odd or even: a legacy pattern's first square depends on that
-    taller = replace(board, rows=3 * board.rows)
-    places = marker_places(taller)
-    identified = markers.select((markers.numbers >= 0) & (markers.numbers < len(places)))
-    groups = group_markers(identified, places[identified.numbers], _marker_pitch(board))
-    linked = identified.numbers[groups[0]]
-    return int((linked >= count).sum()) if (linked < count).any() else 0
-
-
-def _marker_pitch(board: Board) -> float:
-    """Return the distance of neighbouring markers, m."""
-    match board.coding:
-        case AprilGrid(spacing):
-            return (1 + spacing) * board.square
-        case _:
-            return 2**0.5 * board.square
-
-
-def _find_repeated_number(markers: Markers) -> int | None:
-    """Return a marker number that is read at two places."""
-    for number in np.unique(markers.numbers):
-        same = markers.select(markers.numbers == number)
-        middles = same.corners.mean(1)
-        if (np.linalg.norm(middles - middles[0], axis=-1) > same.sides.min() / 2).any():
-            return int(number)
-    return None
-
-
-def _describe_misprint(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> str:
-    """Return a sentence if the markers' outlines show that another board was printed than the
-    declared one.
-    """
-    match board.coding:
-        case Charuco():
-            return _describe_other_size(markers, board, board.coding)
-        case AprilGrid():
-            return _describe_other_spacing(
-                refine_tag_outlines(markers, board, grey),
-                board,
-                board.coding,
-                OUTLINE_SPACING_TOLERANCE,
-            )
-        case None:
-            return ""
-
-
-def _describe_other_size(markers: Markers, board: Board, coding: Charuco) -> str:
-    """Return a sentence if the markers are larger or smaller, relative to their distance, than
-    declared; "" if they are not, or if there are too few.
-    """
-    ratio = measure_marker_size(markers, board)
-    if ratio is None or abs(ratio - 1) <= SIZE_TOLERANCE:
-        return ""
-    finding = (
-        f"the markers are of {1e3 * ratio * coding.marker:.3g} mm if the squares are of"
-        f" {1e3 * board.square:g}"
-    )
-    return (
-        f"{finding}, where {1e3 * coding.marker:g} is declared: correct board.marker_mm in"
-        " session.yaml"
-    )
-
-
-def measure_marker_size(markers: Markers, board: Board) -> float | None:
-    """Return the size of a board's markers, relative to their distance, in parts of the declared
-    one; None if there are too few of them.
-    """
-    if len(markers.numbers) < MIN_COUNT:
-        return None
-    places = marker_places(board)[markers.numbers] / board.square
-    middles = places.mean(1)
-    local_map = LocalMap.fit(middles, markers.corners.mean(1), middles, MARKER_NOISE)
-    expected = np.einsum("nkc,ncd->nkd", places - middles[:, None], local_map.steps)
-    sides = Markers(markers.numbers, expected).sides
-    return float(np.median((markers.sides + OUTLINE_LOSS) / sides))
-
-
-def refine_tag_outlines(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> Floats:
-    """Return (count, 2) px, an AprilGrid's corners refined near the outlines of its tags, NaN where
-    no tag was read.
-    """
-    places = marker_places(board)[markers.numbers].reshape(-1, 1, 2)
-    corners = np.full((board.count, 2), np.nan)
-    start = markers.corners.reshape(-1, 1, 2).astype(np.float32)
-    refined = cv2.cornerSubPix(grey, start, OUTLINE_WINDOW, (-1, -1), STOP)
-    corners[np.linalg.norm(board.points() - places, axis=-1).argmin(1)] = np.asarray(
-        refined, np.float64
-    ).reshape(-1, 2)
-    return corners
-
-
-def _has_declared_spacing(corners: Floats, board: Board) -> bool:
-    """Return True if the (count, 2) px corners show an AprilGrid with the declared spacing. The
-    outlines alone may be wrong: a threshold with a small window cuts off a part of a tag's border.
-    """
-    if not isinstance(board.coding, AprilGrid):
-        return False
-    spacing = measure_spacing(corners, board)
-    return spacing is not None and abs(spacing - board.coding.spacing) <= LOCATED_SPACING_TOLERANCE
-
-
-def _describe_other_spacing(
-    corners: Floats, board: Board, coding: AprilGrid, tolerance: float
-) -> str:
-    """Return a sentence if the distance between the tags is not as declared; "" if it is, or if too
-    few are visible.
-    """
-    spacing = measure_spacing(corners, board)
-    if spacing is None or abs(spacing - coding.spacing) <= tolerance:
-        return ""
-    finding = (
-        f"the tags are {spacing:.2f} of their side apart, where {coding.spacing:g} is declared"
-    )
-    return f"{finding}: correct board.spacing in session.yaml"
-
-
-def measure_spacing(corners: Floats, board: Board) -> float | None:
-    """Return the gap between the tags of an AprilGrid, in sides of a tag, from its (count, 2) px
-    corners; None if too few are visible.
-    """
-    grid = corners.reshape(board.rows, board.columns, 2)
-    ratios_by_direction = []
-    for lines in (grid, grid.swapaxes(0, 1)):
-        lengths = np.linalg.norm(np.diff(lines, axis=1), axis=-1)  # px of a tag, a gap, a tag, ...
-        ratios = 2 * lengths[:, 1::2] / (lengths[:, :-1:2] + lengths[:, 2::2])
-        ratios_by_direction.append(ratios.ravel())
-    ratios = np.concatenate(ratios_by_direction)
-    ratios = ratios[np.isfinite(ratios)]
-    return float(np.median(ratios)) if len(ratios) >= MIN_COUNT else None
 
 
 def _locate_marker_corners(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> Floats:

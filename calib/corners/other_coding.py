@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.coded import select_board_markers
+from calib.corners.board_markers import select_board_markers
 from calib.corners.detection import NotFound
 from calib.corners.markers import Markers, border_of, marker_places, read_markers
 from calib.session.board import Board

@@ -1,8 +1,17 @@
 """The search for missing effects: forward selection, then backward elimination.
 
-In each round every effect is scored (score_test), and the best few are fitted. The one that lowers
-the error on held-out views most is added, if its gain is more than chance after a correction for
-all candidates of the round (Bonferroni). The search ends when no effect passes.
+Each round adds one effect:
+
+1. Every effect gets a score (`score_test`), which needs no fit.
+2. The effects with the best scores are fitted. A fit with one further effect is a `Trial`.
+3. The trials whose error is lower are evaluated on held-out views, the most probable first.
+4. The first one that held-out views confirm is added. Its gain must be more than chance explains,
+   after a correction for all candidates of the round (Bonferroni).
+
+The search ends when no effect passes.
+
+Effects that all views share come first. A number that each view has for itself can imitate almost
+any error, so it is tried only if the views show that it differs between them.
 """
 
 from __future__ import annotations
@@ -78,15 +87,15 @@ def with_free_numbers(state: SearchState) -> SearchState:
 
     Held at values that are off by their tolerances, they leave an error that other effects imitate.
     """
-    freed = _numbers_freed(state) if state.model.effects else None
-    if not freed:
+    free_state = _with_all_numbers_free(state) if state.model.effects else None
+    if not free_state:
         return state
     estimated = {param.name for param in state.model.parameters.free}
-    is_worse = freed.joint.sigma > MAX_INCREASE * state.joint.sigma
-    return state if is_worse or largest_prior_conflict(freed.joint, estimated) else freed
+    is_worse = free_state.joint.sigma > MAX_INCREASE * state.joint.sigma
+    return state if is_worse or largest_prior_conflict(free_state.joint, estimated) else free_state
 
 
-def _numbers_freed(state: SearchState) -> SearchState | None:
+def _with_all_numbers_free(state: SearchState) -> SearchState | None:
     """Return the state with a fit of the declared numbers that it holds; None if it holds none, or
     that fit is not finite.
     """
@@ -107,7 +116,12 @@ def simplify(state: SearchState) -> SearchState:
 
 
 def score(state: SearchState, kinds: Sequence[type[Effect]]) -> tuple[SearchState, list[ScoreTest]]:
-    """Score effects on the residual of the current fit."""
+    """Score effects on the residual of the current fit.
+
+    Returns:
+        The state with these scores, and the tests of effects that are neither in the model nor
+        dropped.
+    """
     problem = state.problem
     locate = any(kind.needs_place for kind in kinds)
     context = effect_context(state.fitted_model, problem.board, problem.camera, locate=locate)
@@ -115,6 +129,7 @@ def score(state: SearchState, kinds: Sequence[type[Effect]]) -> tuple[SearchStat
 
 
 def _score(state: SearchState, proposals: Sequence[Effect]) -> tuple[SearchState, list[ScoreTest]]:
+    """Score these effects; the result is that of `score`."""
     excluded = state.dropped | {effect.name for effect in state.model.effects}
     proposals = [effect for effect in proposals if effect.name not in excluded]
     tests = tuned_score_tests(state.fitted_model, proposals)
@@ -126,7 +141,9 @@ def _score(state: SearchState, proposals: Sequence[Effect]) -> tuple[SearchState
 
 
 def _with_confounded(state: SearchState, tests: Sequence[ScoreTest]) -> SearchState:
-    """Note pairs of effects where one can do all that the other, of fewer directions, does."""
+    """Note pairs of effects that these views cannot tell apart: each direction in which the one
+    with fewer parameters moves the corners is nearly one of the other's directions.
+    """
     spans = [(test.effect.name, test.span()) for test in tests if test.jacobian.size]
     confounded = dict(state.confounded)
     for (first, first_span), (second, second_span) in combinations(spans, 2):
@@ -150,50 +167,59 @@ def _add_effects(state: SearchState) -> SearchState:
 
 
 def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
-    """Return the next effect to add.
+    """Return the trial of the next effect to add; None if no effect passes.
 
-    A number of each view's own can imitate almost any error. So it is tried only if it differs from
-    view to view (`Differing`). The most probable such number is fitted, and those that the views
-    hardly tell from it: the fits decide. An effect that all views share is not added if it only
-    imitates what differs.
+    The kinds of effects are tried in this order:
+
+    1. Effects that all views share. One is not added if it only imitates what differs from view to
+       view.
+    2. Numbers that differ from view to view (`Differing`).
+    3. Smooth fields without a name, for a residual that is not noise. A field must be more probable
+       than the numbers of step 2.
     """
     shared = [kind for kind in EFFECTS if not kind.per_view]
-    state, lowering = _lowering(*score(state, shared))
-    state, best = _first_passing(state, lowering, lambda fit: fit.joint.log_evidence)
-    if best and not _is_imitation(state, best) and _is_named(state, best):
+    state, trials = _promising_trials(*score(state, shared))
+    state, best = _first_confirmed(state, trials, lambda fit: fit.joint.log_evidence)
+    if best and not _imitates_variation(state, best) and _outdoes_discrepancy(state, best):
         return state, best
-    state, cause = _most_probable_cause(state, len(shared))
-    if not (cause or state.problem.has_structure(state.fit)):
-        return state, cause
-    lead = cause.fitted.joint.log_marginal - state.joint.log_marginal if cause else 0.0
-    scored = score(state, FIELDS)
-    state, lowering = _lowering(*scored, previous=len(EFFECTS), min_log_odds=lead)
-    state, fields = _more_probable(state, lowering)
-    if cause:
-        evidence = cause.fitted.joint.log_marginal
-        fields = [field for field in fields if field.fitted.joint.log_marginal > evidence]
-    state, field = _first_passing(state, fields, _log_marginal)
-    return state, field or cause
+    state, variation = _trial_of_variation(state, len(shared))
+    if not (variation or state.problem.has_structure(state.fit)):
+        return state, None
+    min_log_odds = 0.0
+    if variation:
+        min_log_odds = _log_marginal(variation.fitted) - state.joint.log_marginal
+    state, tests = score(state, FIELDS)
+    state, trials = _promising_trials(state, tests, len(EFFECTS), min_log_odds)
+    state, fields = _more_probable_trials(state, trials)
+    if variation:
+        evidence = _log_marginal(variation.fitted)
+        fields = [field for field in fields if _log_marginal(field.fitted) > evidence]
+    state, best_field = _first_confirmed(state, fields, _log_marginal)
+    return state, best_field or variation
 
 
-def _most_probable_cause(state: SearchState, previous: int) -> tuple[SearchState, Trial | None]:
-    """Return the trial of what differs from view to view most probably, if held-out views confirm
-    it.
+def _trial_of_variation(
+    state: SearchState, previous_candidates: int
+) -> tuple[SearchState, Trial | None]:
+    """Return the trial of the numbers that differ from view to view most probably, if held-out
+    views confirm it. The views hardly tell some such numbers apart: all of these are fitted, and
+    the fits decide.
 
     Args:
-        previous: the number of candidates before.
+        previous_candidates: the number of candidates of this round so far.
     """
     differing = state.evaluations.differing
     if not differing:
         return state, None
     may_be_media = views_in_other_medium(state.fitted_model, LIKELY) is not None
-    if may_be_media and (freed := _numbers_freed(state)):
-        freed, media = _two_media(freed, differing, previous)
-        freed, cause = _first_passing(*_more_probable(freed, media), _log_marginal)
-        if cause:
-            return freed, cause
+    if may_be_media and (free_state := _with_all_numbers_free(state)):
+        free_state, media = _trials_of_two_media(free_state, differing, previous_candidates)
+        free_state, probable = _more_probable_trials(free_state, media)
+        free_state, best = _first_confirmed(free_state, probable, _log_marginal)
+        if best:
+            return free_state, best
     _, context = state.problem.at_optimum(state.fit)
-    state, media = _two_media(state, differing, previous)
+    state, media = _trials_of_two_media(state, differing, previous_candidates)
     gains = {trial.test.effect.name: trial.log_odds for trial in media}
     effects: list[Effect] = []
     for variation in differing.likely:
@@ -201,20 +227,24 @@ def _most_probable_cause(state: SearchState, previous: int) -> tuple[SearchState
             gains[effect.name] = variation.gain
             if not (media and variation.group.is_medium):
                 effects.append(effect)
-    state, lowering = _lowering(*_score(state, effects), previous=previous)
-    state, probable = _more_probable(state, lowering + media)
-    causes = [replace(trial, log_odds=gains[trial.test.effect.name]) for trial in probable]
-    return _first_passing(state, causes, _log_marginal)
+    state, tests = _score(state, effects)
+    state, trials = _promising_trials(state, tests, previous_candidates)
+    state, probable = _more_probable_trials(state, trials + media)
+    trials = [replace(trial, log_odds=gains[trial.test.effect.name]) for trial in probable]
+    return _first_confirmed(state, trials, _log_marginal)
 
 
 def _log_marginal(fit: ModelFit) -> float:
+    """Return the log evidence with the views' own numbers integrated out."""
     return fit.joint.log_marginal
 
 
-def _is_named(state: SearchState, trial: Trial) -> bool:
-    """Return True if an effect that all views share is more probable beside structure of no cause,
-    or nothing in the model differs from view to view. What differs is hardly ever modelled to the
-    end, and any number follows the rest.
+def _outdoes_discrepancy(state: SearchState, trial: Trial) -> bool:
+    """Return True if an effect that all views share makes the views more probable even where the
+    model is allowed a discrepancy, a smooth error of each view without a cause.
+
+    This is asked only of models with numbers that differ from view to view: what differs is hardly
+    ever modelled to the end, and any shared number follows the rest.
     """
     if not any(effect.varies or effect.per_view for effect in state.model.effects):
         return True
@@ -223,30 +253,32 @@ def _is_named(state: SearchState, trial: Trial) -> bool:
     return with_trial > without + MIN_VARIATION_GAIN
 
 
-def _is_imitation(state: SearchState, trial: Trial) -> bool:
-    """Return True if an effect that all views share adds nothing to numbers that differ from view
-    to view: with both, the log evidence is hardly larger than with these numbers alone.
+def _imitates_variation(state: SearchState, trial: Trial) -> bool:
+    """Return True if numbers differ from view to view, and an effect that all views share adds
+    hardly anything to them: with both, the log evidence is hardly larger than with these numbers
+    alone.
     """
-    alone = largest_log_evidence(*state.problem.at_optimum(state.fit))
-    both = largest_log_evidence(*state.problem.at_optimum(trial.fitted))
-    if both >= alone + MIN_VARIATION_GAIN:
+    variation_alone = largest_log_evidence(*state.problem.at_optimum(state.fit))
+    variation_and_effect = largest_log_evidence(*state.problem.at_optimum(trial.fitted))
+    if variation_and_effect >= variation_alone + MIN_VARIATION_GAIN:
         return False
     return state.evaluations.differing is not None
 
 
-def _lowering(
+def _promising_trials(
     state: SearchState,
     tests: Sequence[ScoreTest],
-    previous: int = 0,
+    previous_candidates: int = 0,
     min_log_odds: float = 0.0,
 ) -> tuple[SearchState, list[Trial]]:
-    """Fit the effects of the best scores, and return those that lower the error enough to hold
-    views out.
+    """Fit the effects with the best scores, and those that a score does not judge. Return the
+    trials that are worth an evaluation on held-out views.
 
     Args:
-        previous: the number of candidates that did not pass before.
-        min_log_odds: the gain in log evidence that an effect must be able to reach, which is at
-            most half of its chi2.
+        tests: the score tests of all candidates.
+        previous_candidates: the number of candidates of this round so far.
+        min_log_odds: the gain in log evidence that an effect must be able to reach. Half of its
+            chi2 is the most that it can reach.
     """
     promising = [
         test
@@ -256,52 +288,61 @@ def _lowering(
         and test.p_value < MAX_SCORE_P_VALUE
         and test.promises > MIN_GAIN
     ]
+    promising.sort(key=lambda test: 2 * test.dof - test.chi2)  # Akaike's criterion
     unscored = [
         test
         for test in tests
         if not test.effect.judged_by_score
         and (test.effect.name, test.effect.form) not in state.hopeless
     ]
-    promising.sort(key=lambda test: 2 * test.dof - test.chi2)
     trials = []
     for test in unscored + promising[:MAX_FITS]:
-        state, trial = _fit_trial(state, test, previous + len(tests))
+        state, trial = _fit_trial(state, test, previous_candidates + len(tests))
         trials.append(trial)
-    return state, list(filter(_lowers, trials))
+    return state, [trial for trial in trials if _is_promising(trial)]
 
 
-def _two_media(
-    state: SearchState, differing: Differing, previous: int
+def _trials_of_two_media(
+    state: SearchState, differing: Differing, previous_candidates: int
 ) -> tuple[SearchState, list[Trial]]:
-    """Return the trial of some views in air and the others in water, if it lowers the error. That
-    is often too large a change to be seen in what differs around one fit to both.
+    """Return the trial of some views in air and the others in water, if it lowers the error; else
+    none. The step between the media is often too large to show in the numbers that differ around
+    one fit to all views.
     """
     divisions = [
         variation.pattern > variation.pattern.mean()
         for variation in differing.likely
         if variation.kind in (VariationKind.STEP, *TWO)
     ]
-    previous += len(differing.likely)
+    candidates = previous_candidates + len(differing.likely)
     fit = fit_of_two_media(state.fitted_model, divisions)
     if not fit:
         return state, []
     state, tests = _score(state, fit.model.effects[-1:])
     trials = []
     for test in tests:
-        state, trial = _fit_trial(state, test, previous + 1, fit.joint)
+        state, trial = _fit_trial(state, test, candidates + 1, fit.joint)
         trials.append(trial)
-    return state, list(filter(_lowers, trials))
+    return state, [trial for trial in trials if _is_promising(trial)]
 
 
-def _lowers(trial: Trial) -> bool:
-    """Return True if an effect is possible and lowers the error enough to hold views out."""
+def _is_promising(trial: Trial) -> bool:
+    """Return True if an effect is possible and lowers the error of the fitted views by enough to be
+    worth an evaluation on held-out views.
+    """
     return trial.error_decrease > MIN_GAIN and not (trial.improbable or trial.impossible)
 
 
 def _fit_trial(
-    state: SearchState, test: ScoreTest, among: int, fit: JointFit | None = None
+    state: SearchState, test: ScoreTest, candidates: int, fit: JointFit | None = None
 ) -> tuple[SearchState, Trial]:
-    """Fit a candidate to all views, roughly, if that is not done."""
+    """Return the trial of an effect, and note it in the state.
+
+    Args:
+        test: the score test of the effect.
+        candidates: the number of candidates of the round, for the Bonferroni correction.
+        fit: a fit with the effect; None to fit it here, roughly.
+    """
     state.problem.report(f"trying {test.effect.name}")
     model = state.model.with_effect(test.effect)
     joint = fit or rough_fit(model, state.problem.observations, state.joint)
@@ -315,7 +356,7 @@ def _fit_trial(
         test=test,
         fit=ModelFit(model, joint),
         error_decrease=error_decrease,
-        among=among,
+        among=candidates,
         log_odds=log_odds if shared else -np.inf,
         improbable=shared and log_odds <= 0,
         impossible=joint.finite and is_impossible(test.effect, joint),
@@ -327,9 +368,12 @@ def _fit_trial(
     return state, trial
 
 
-def _more_probable(state: SearchState, trials: Sequence[Trial]) -> tuple[SearchState, list[Trial]]:
+def _more_probable_trials(
+    state: SearchState, trials: Sequence[Trial]
+) -> tuple[SearchState, list[Trial]]:
     """Return the trials, in their most probable forms, whose evidence is larger than that of the
-    current model. It compares models whose numbers of parameters have no common measure.
+    current model. The views' own numbers are integrated out, because these models have different
+    ones.
     """
     probable = []
     for trial in trials:
@@ -350,10 +394,12 @@ def _more_probable(state: SearchState, trials: Sequence[Trial]) -> tuple[SearchS
     return state, probable
 
 
-def _first_passing(
+def _first_confirmed(
     state: SearchState, trials: Sequence[Trial], evidence: Callable[[ModelFit], float]
 ) -> tuple[SearchState, Trial | None]:
-    """Return the most probable trial that held-out views confirm."""
+    """Evaluate trials on held-out views, the one with the largest evidence first, and return the
+    first that passes; None if none does.
+    """
     for trial in sorted(trials, key=lambda trial: evidence(trial.fitted), reverse=True):
         state, evaluated = _hold_out_trial(state, trial)
         if evaluated.passes:

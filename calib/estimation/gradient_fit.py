@@ -1,5 +1,5 @@
-"""The paper's procedure: with poses and cover held, gradient descent on the amplitudes (section 3,
-equations 2 and 3).
+"""The paper's procedure: with poses and cover held, gradient descent on the amplitudes
+(equations 2 and 3).
 
 The paper does not name its descent. This is Nesterov's accelerated gradient descent with the step 1
 / L, L the curvature of the loss measured by power iteration, restarted when the loss rises. So

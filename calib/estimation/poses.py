@@ -27,7 +27,7 @@ degrees from the middle of their view are too flat.
 
 def pinhole_poses(path: Path, values: Values, observations: Observations) -> Tensor:
     """Return each view's pose through the lens of a path as if there were no cover, by
-    perspective-n-point and its refinement (the paper's section 4.2, step 1).
+    perspective-n-point and its refinement (step 1 of the paper's real experiment).
 
     Returns:
         (V, 6) T_camera_board, rotation vector (rad) and translation (m); NaN for a view whose
@@ -60,7 +60,7 @@ def opencv_intrinsics(values: Values) -> tuple[NDArray[np.float64], NDArray[np.f
 
 def refine_poses(path: Path, values: Values, observations: Observations, poses: Tensor) -> Solution:
     """Refine each view's pose through the cover, with the paper's objective: squared distances on
-    the board (section 3, equation 2).
+    the board (equation 2).
 
     Args:
         poses: (V, 6) to start from.

@@ -56,9 +56,9 @@ class Port:
 
     shape: Shape
     """A window or a dome."""
-    place: tuple[float, float, float]
+    normal_or_centre: tuple[float, float, float]
     """A window's unit normal, or a dome's centre in m."""
-    reach: float
+    distance_or_radius: float
     """m, the distance along the normal to the inner face, or a dome's inner radius."""
     thickness: float
     """m"""
@@ -68,23 +68,35 @@ class Port:
     @property
     def parameters(self) -> tuple[float, ...]:
         """The parameters in the order of the file."""
-        return (*self.place, self.reach, self.thickness, AIR, self.glass_index, self.outside_index)
+        return (
+            *self.normal_or_centre,
+            self.distance_or_radius,
+            self.thickness,
+            AIR,
+            self.glass_index,
+            self.outside_index,
+        )
 
     @property
     def cover(self) -> Cover:
         """The port as a session describes it."""
-        x, y, z = self.place
+        x, y, z = self.normal_or_centre
         if self.shape is DOME:
             shape_numbers = {
-                "inner_radius": self.reach,
+                "inner_radius": self.distance_or_radius,
                 "centre.x": x,
                 "centre.y": y,
                 "centre.z": z,
             }
         else:
+            # The tilt is the rotation vector that turns the optical axis onto the normal.
             sine = float(np.hypot(x, y))
-            turn = np.arctan2(sine, z) / sine if sine else 1.0
-            shape_numbers = {"distance": self.reach / z, "tilt.x": -y * turn, "tilt.y": x * turn}
+            angle_over_sine = np.arctan2(sine, z) / sine if sine else 1.0
+            shape_numbers = {
+                "distance": self.distance_or_radius / z,  # along the optical axis
+                "tilt.x": -y * angle_over_sine,
+                "tilt.y": x * angle_over_sine,
+            }
         numbers = shape_numbers | {
             "thickness": self.thickness,
             "refractive_index": self.glass_index,
@@ -97,12 +109,13 @@ class Port:
 
 
 def export(request: ExportRequest) -> ExportedFiles:
+    """Write calibmar.yaml; remark on the misfit unless it is exact at every depth."""
     calibration = request.calibration
-    port, bare = port_of(calibration), remove_cover(calibration)
+    port = port_of(calibration)
+    bare = remove_cover(calibration)
     camera = best_central(bare, 1.0, request.lenses)
-    misfits = tuple(
-        _misfits(calibration, _exported_calibration(bare, camera, port), request.depths or DEPTHS)
-    )
+    exported = _exported_calibration(bare, camera, port)
+    misfits = tuple(_misfits(calibration, exported, request.depths or DEPTHS))
     path = request.files.write("calibmar.yaml", calibration_yaml(camera, port, misfits))
     return ExportedFiles(
         (path,), remarks=misfits if any(not line.endswith("exact") for line in misfits) else ()
@@ -133,12 +146,13 @@ def port_of(calibration: Calibration) -> Port:
     thickness = float(adjusted[COVER.thickness()])
     glass_index = float(adjusted[COVER.refractive_index()])
     outside_index = float(adjusted[COVER.outside_index])
-    place = _numbers(inner.frame.at(adjusted).leave(_point(0.0)))
+    pose = inner.frame.at(adjusted)
+    origin = _components(pose.leave(_point_on_axis(0.0)))  # of the cover, in the camera frame
     if shape is DOME:
         radius = float(adjusted[COVER.of("inner_radius")])
-        return Port(DOME, place, radius, thickness, glass_index, outside_index)
-    normal = _numbers(inner.frame.at(adjusted).turn(_point(1.0), back=True))
-    distance = float(np.dot(normal, place))
+        return Port(DOME, origin, radius, thickness, glass_index, outside_index)
+    normal = _components(pose.turn(_point_on_axis(1.0), back=True))
+    distance = float(np.dot(normal, origin))
     return Port(FLAT, normal, distance, thickness, glass_index, outside_index)
 
 
@@ -192,8 +206,8 @@ def _misfits(
     """Yield the distance, in px of the undistorted picture, between the points that a pixel sees by
     the file and by the calibration.
     """
-    k = calibration.camera.intrinsics
-    assert k
+    intrinsics = calibration.camera.intrinsics
+    assert intrinsics
     columns = np.linspace(0, calibration.camera.width - 1, CHECK_GRID[0])
     rows = np.linspace(0, calibration.camera.height - 1, CHECK_GRID[1])
     pixels = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
@@ -203,7 +217,8 @@ def _misfits(
     exported_rays = exported.rays(pixels)
     for depth in depths:
         difference = _points_at(depth, *exact_rays) - _points_at(depth, *exported_rays)
-        error = np.linalg.norm(difference * [k.fx.value / depth, k.fy.value / depth], axis=-1)
+        px_per_m = np.array([intrinsics.fx.value, intrinsics.fy.value]) / depth
+        error = np.linalg.norm(difference * px_per_m, axis=-1)
         error = error[np.isfinite(error)]
         rms = float(np.sqrt((error**2).mean()))
         worst = float(error.max())
@@ -227,11 +242,13 @@ def _points_at(depth: float, origins: Array, directions: Array) -> Array:
     return np.asarray(origins[:, :2] + directions[:, :2] * steps[:, None])
 
 
-def _point(z: float) -> Vector:
+def _point_on_axis(z: float) -> Vector:
+    """Return the point (0, 0, z) of a cover's frame."""
     zero = torch.tensor(0.0, dtype=torch.float64)
     return Vector(zero, zero, torch.tensor(z, dtype=torch.float64))
 
 
-def _numbers(vector: Vector) -> tuple[float, float, float]:
+def _components(vector: Vector) -> tuple[float, float, float]:
+    """Return the three components of one vector."""
     x, y, z = vector.stacked().reshape(-1).tolist()
     return x, y, z

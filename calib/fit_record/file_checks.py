@@ -1,8 +1,11 @@
 """Check the two files of a calibration as they are read: the keys of calibration.yaml, and the
 arrays of calibration.npz.
 
-CALIBRATION describes the value of each key. Board, camera and cover follow the rules of
-session.yaml, so they have no shape here.
+A person may have edited the files, or a disk may have damaged them. Every check raises ValueError
+with a sentence, which `read_content` (calib.calibration_file) completes with the file's name.
+
+CALIBRATION describes the value of each key of calibration.yaml. Board, camera and cover follow the
+rules of session.yaml, so they have no shape here.
 """
 
 import math
@@ -47,6 +50,8 @@ rational lens that cancel each other have standard deviations of 1e7 of their sc
 """
 STAGES = ("pinhole", "cover", "cover+rbf", "cover+rbf+effects")
 """The stages of a fit, in their order; a fit may lack any but the first."""
+NAN_ALLOWED = ("corners", "times_s", "blurs", "point_covariances")
+"""The arrays that have NaN where something is unknown: a corner that was not seen, for example."""
 COVER_STAGES = STAGES[1:3]
 COVER = either(many(table(anything)), table(anything))
 CALIBRATION = record(
@@ -128,6 +133,7 @@ def relief_from_yaml(mapping: Mapping[str, Any]) -> Relief:
 
 
 def _size(written: Sequence[float]) -> tuple[float, float, float]:
+    """Return the three numbers of `Relief.size`."""
     if len(written) != 3 or not all(map(math.isfinite, written)):
         raise ValueError("relief.size is not three numbers")
     first, second, distance = map(float, written)
@@ -135,6 +141,7 @@ def _size(written: Sequence[float]) -> tuple[float, float, float]:
 
 
 def _pair(written: object, key: str) -> tuple[float, float]:
+    """Return the two finite numbers of a key of the relief."""
     match written:
         case [int() | float() as first, int() | float() as second] if math.isfinite(
             first
@@ -168,10 +175,26 @@ def check_arrays(
     """Raise ValueError if the arrays have inconsistent shapes or implausible values.
 
     Args:
+        arrays: those of calibration.npz, by name.
+        relief: the relief whose amplitudes are among them.
+        board: the board of the views.
         per_view: number of parameters of each view.
     """
+    _check_shapes(arrays, _expected_shapes(arrays, relief, board, per_view))
+    if not (np.abs(arrays["amplitudes"]) < MAX_AMPLITUDE).all():
+        raise ValueError("amplitudes are not those of a glass")
+    _check_view_arrays(arrays, has_grid=board.has_grid)
+    _check_covariance(arrays["covariance"])
+
+
+def _expected_shapes(
+    arrays: Mapping[str, NDArray[Any]], relief: Relief | None, board: Board, per_view: int
+) -> dict[str, tuple[int, ...]]:
+    """Return the shape that each array of numbers must have, by its name; optional arrays only if
+    the file has them.
+    """
     views, parameters = len(arrays["names"]), len(arrays["covariance"])
-    shapes = {
+    shapes: dict[str, tuple[int, ...]] = {
         "amplitudes": relief.grid if relief else (0, 0),
         "poses": (views, per_view),
         "covariance": (parameters, parameters),
@@ -179,14 +202,23 @@ def check_arrays(
         "weights": (views, board.count),
         "times_s": (views,),
     }
-    if (corners_at := arrays.get("corners_at")) is not None:
-        shapes["corners_at"] = (len(corners_at), 3)
-    if (blurs := arrays.get("blurs")) is not None:
+    if "corners_at" in arrays:
+        shapes["corners_at"] = (len(arrays["corners_at"]), 3)
+    if "blurs" in arrays:
         shapes["blurs"] = (views, board.count, 2)
     if not board.has_grid:
         shapes["target"] = board.points().shape
         if "point_covariances" in arrays:
             shapes["point_covariances"] = (views, board.count, 2, 2)
+    return shapes
+
+
+def _check_shapes(
+    arrays: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
+) -> None:
+    """Raise ValueError unless every array is of float64, has its shape, and no value is too large;
+    NaN counts as too large where it is not allowed.
+    """
     for name, shape in shapes.items():
         array = arrays[name]
         if array.shape != shape or array.dtype != np.float64:
@@ -195,11 +227,13 @@ def check_arrays(
                 " expected"
             )
         limit = MAX_NUMBER**2 if name == "covariance" else MAX_NUMBER
-        free = ("corners", "times_s", "blurs", "point_covariances")
-        if name not in free and not (np.abs(array) < limit).all():
+        if name not in NAN_ALLOWED and not (np.abs(array) < limit).all():
             raise ValueError(f"{name} are not all numbers that a fit would leave")
-    if not (np.abs(arrays["amplitudes"]) < MAX_AMPLITUDE).all():
-        raise ValueError("amplitudes are not those of a glass")
+
+
+def _check_view_arrays(arrays: Mapping[str, NDArray[Any]], *, has_grid: bool) -> None:
+    """Raise ValueError if the names, corners or times of the views are not those of views."""
+    views = len(arrays["names"])
     for name in ("names", "pose_ids"):
         if arrays[name].shape != (views,) or (views and arrays[name].dtype.kind != "U"):
             raise ValueError(f"{name} are not a text for each view")
@@ -210,15 +244,18 @@ def check_arrays(
         or not (np.abs(arrays["corners"][visible]) < MAX_NUMBER).all()
     ):
         raise ValueError("corners that were seen are not all somewhere, or a view has none")
-    if "point_covariances" in shapes:
+    if not has_grid and "point_covariances" in arrays:
         covariances = arrays["point_covariances"][visible]
         if not np.isfinite(covariances).all() or (np.linalg.eigvalsh(covariances) <= 0).any():
             raise ValueError("point_covariances are not all covariances")
-    if blurs is not None and ((blurs <= 0) | (blurs >= MAX_NUMBER)).any():
+    if "blurs" in arrays and ((arrays["blurs"] <= 0) | (arrays["blurs"] >= MAX_NUMBER)).any():
         raise ValueError("blurs are not all widths in px")
     if (np.abs(arrays["times_s"]) >= LATEST_S).any():
         raise ValueError("times_s are not all times in s")
-    covariance = arrays["covariance"]
+
+
+def _check_covariance(covariance: NDArray[np.float64]) -> None:
+    """Raise ValueError unless a covariance is symmetric, with variances of 0 or more."""
     sigmas = np.sqrt(np.abs(covariance.diagonal()))
     # the rounding error of an entry near zero is relative to its sigmas, not to itself
     tolerance = 1e-6 * np.outer(sigmas, sigmas)
@@ -227,7 +264,11 @@ def check_arrays(
 
 
 def read_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], str]:
-    """Return the arrays and the SHA-256 of their file."""
+    """Return the arrays of calibration.npz and the SHA-256 of the file.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
     with reading(path):
         if not path.exists():
             raise InputError(

@@ -97,8 +97,9 @@ class Differing:
     variations: tuple[Variation, ...]
     """The most probable kind of each group of numbers."""
     probabilities: tuple[float, ...]
+    """That of each variation."""
     names: tuple[str, ...]
-    """(V,) those of the views."""
+    """(V,) the names of the views."""
     is_rest: bool = False
     """True if the model has other numbers that differ. These are hardly ever modelled to the end,
     and any number follows the rest.
@@ -115,7 +116,8 @@ class Differing:
         """Return what differs beside everything that all views share; None if nothing does.
 
         Args:
-            nameless: allow for structure of no cause (`find_variations`).
+            nameless: allow for a discrepancy, an error of each view that has no cause
+                (`find_variations`).
             about: the only group that matters; None may mean that it has no name.
         """
         return _answer(_Question(fitted, context, nameless, about))
@@ -207,26 +209,28 @@ class _Question:
 
 @lru_cache(maxsize=1)
 def _answer(question: _Question) -> Differing | None:
+    """Return the most probable variation of each group, with its probability; None if there is no
+    variation.
+    """
     fitted = question.fitted
-    best: dict[str, Variation] = {}
-    found = find_variations(
+    variations = find_variations(
         fitted, question.context, SHARED, nameless=question.nameless, about=question.about
     )
-    for variation in found:
-        best.setdefault(variation.group.name, variation)
-    if not best:
+    best_of_group: dict[str, Variation] = {}
+    for variation in variations:  # the most probable first
+        best_of_group.setdefault(variation.group.name, variation)
+    if not best_of_group:
         return None
-    first = next(iter(best.values()))
-    odds = np.array([_odds(variation, first) for variation in best.values()])
+    candidates = list(best_of_group.values())
+    odds = np.array([_odds(variation, candidates[0]) for variation in candidates])
     probabilities = odds / odds.sum()
-    members = [
-        (variation, float(probability))
-        for variation, probability in zip(best.values(), probabilities, strict=True)
-        if probability > MIN_MEMBER_PROBABILITY
-    ]
-    variations, chances = zip(*members, strict=True)
-    is_rest = any(effect.varies or effect.per_view for effect in fitted.model.effects)
-    return Differing(variations, chances, fitted.observations.names, is_rest)
+    likely = np.flatnonzero(probabilities > MIN_MEMBER_PROBABILITY)
+    return Differing(
+        variations=tuple(candidates[index] for index in likely),
+        probabilities=tuple(float(probabilities[index]) for index in likely),
+        names=fitted.observations.names,
+        is_rest=any(effect.varies or effect.per_view for effect in fitted.model.effects),
+    )
 
 
 def possible_shifts(fitted: FittedModel, context: EffectContext) -> NDArray[np.float64]:

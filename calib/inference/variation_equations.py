@@ -99,22 +99,28 @@ class VariationEquations:
     def group(self, group: Group) -> GroupEquations:
         """Return the equations of the deviations of one group's numbers."""
         columns = self.rows.columns(group)
-        moved = self.products @ columns  # (V, n + 1, G)
-        coupling = self._coupling(moved)
-        score = moved[:, -1] - self._whitened @ coupling
-        return GroupEquations(group, columns.T @ moved, coupling, score, self._cost, self.freedom)
+        group_products = self.products @ columns  # (V, n + 1, G)
+        coupling = self._coupling(group_products)
+        return GroupEquations(
+            group=group,
+            diagonal=columns.T @ group_products,
+            coupling=coupling,
+            score=group_products[:, -1] - self._whitened_score @ coupling,
+            cost=self._cost,
+            freedom=self.freedom,
+        )
 
-    def _coupling(self, moved: Array) -> Array:
-        """Return (V, S, G) the whitened coupling of the shared parameters to the deviations of the
-        numbers of (V, n + 1, G) products.
+    def _coupling(self, group_products: Array) -> Array:
+        """Return (V, S, G) the whitened coupling of the shared parameters to the deviations of a
+        group's numbers, from the (V, n + 1, G) products of all columns with theirs.
         """
-        count, _, size = moved.shape
-        cross = moved[:, self.rows.shared].transpose(1, 0, 2).reshape(-1, count * size)
-        whitened = solve_triangular(self._root, cross, lower=True)
+        count, _, size = group_products.shape
+        cross = group_products[:, self.rows.shared].transpose(1, 0, 2).reshape(-1, count * size)
+        whitened = solve_triangular(self._information_root, cross, lower=True)
         return np.asarray(whitened.reshape(-1, count, size).transpose(1, 0, 2))
 
     @cached_property
-    def _reduced(self) -> Array:
+    def _shared_products(self) -> Array:
         """(S + 1, S + 1): the inner products of the shared parameters' columns and the residual,
         over all views, with the prior.
         """
@@ -124,11 +130,11 @@ class VariationEquations:
         return np.asarray(reduced)
 
     @cached_property
-    def _root(self) -> Array:
+    def _information_root(self) -> Array:
         """(S, S) lower Cholesky factor of the information about the shared parameters. What no view
         determines may be indefinite by rounding errors, and gets a little information.
         """
-        information = self._reduced[:-1, :-1]
+        information = self._shared_products[:-1, :-1]
         try:
             return np.asarray(np.linalg.cholesky(information))
         except np.linalg.LinAlgError:
@@ -136,21 +142,21 @@ class VariationEquations:
             return np.asarray(np.linalg.cholesky(information + added))
 
     @cached_property
-    def _whitened(self) -> Array:
+    def _whitened_score(self) -> Array:
         """(S,) the score of the shared parameters over that factor."""
-        return np.asarray(np.linalg.solve(self._root, self._reduced[:-1, -1]))
+        return np.asarray(np.linalg.solve(self._information_root, self._shared_products[:-1, -1]))
 
     @property
     def solution(self) -> Array:
         """The (S,) most probable deviations of the shared parameters from their prior means."""
-        return -np.asarray(np.linalg.solve(self._root.T, self._whitened))
+        return -np.asarray(np.linalg.solve(self._information_root.T, self._whitened_score))
 
     def solution_with(self, variation: Variation) -> Array:
         """Return the same (S,) solution for the deviations of a variation."""
-        moved = self.products @ self.rows.columns(variation.group)
-        moves = self._coupling(moved) @ variation.deviations[:, :, None]
-        score = self._whitened + moves.sum(0)[:, 0]
-        return -np.asarray(np.linalg.solve(self._root.T, score))
+        coupling = self._coupling(self.products @ self.rows.columns(variation.group))
+        change = (coupling @ variation.deviations[:, :, None]).sum(0)[:, 0]
+        score = self._whitened_score + change
+        return -np.asarray(np.linalg.solve(self._information_root.T, score))
 
     def shift(self, variation: Variation) -> Array:
         """Return (S,) by how much the shared parameters differ from `solution` if a variation is
@@ -166,10 +172,10 @@ class VariationEquations:
         """Return (V,) the log likelihoods of the views' corners with the deviations of a variation,
         up to a constant, with the noise that these leave.
         """
-        places = variation.deviations @ self.rows.columns(variation.group).T  # (V, n + 1)
-        places[:, self.rows.shared] += self.solution_with(variation)
-        places[:, -1] = 1.0
-        costs = ((places[:, None] @ self.products)[:, 0] * places).sum(1)
+        numbers = variation.deviations @ self.rows.columns(variation.group).T  # (V, n + 1)
+        numbers[:, self.rows.shared] += self.solution_with(variation)
+        numbers[:, -1] = 1.0  # the residual's column counts once
+        costs = ((numbers[:, None] @ self.products)[:, 0] * numbers).sum(1)
         return np.asarray(-costs / (2 * costs.sum() / self.freedom))
 
     @property
@@ -177,14 +183,14 @@ class VariationEquations:
         """The log evidence without any variation, up to a constant, with the noise that maximises
         it.
         """
-        determinant = self.log_determinant + 2 * np.log(self._root.diagonal()).sum()
+        determinant = self.log_determinant + 2 * np.log(self._information_root.diagonal()).sum()
         determinant -= np.log(self.rows.prior_precisions).sum()
         return -float(determinant + self.freedom * np.log(self._cost)) / 2
 
     @property
     def _cost(self) -> float:
         """The sum of squares that the shared parameters leave."""
-        return float(self._reduced[-1, -1] - self._whitened @ self._whitened)
+        return float(self._shared_products[-1, -1] - self._whitened_score @ self._whitened_score)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +233,7 @@ class GroupEquations:
             yield self.in_every_view
         for kind in self.group.kinds:
             if possible := patterns.get(kind, ()):
-                best = self.best_following(kind, np.array(possible))
+                best = self.best_variation_along(kind, np.array(possible))
                 yield best.penalised(float(np.log(len(possible))))
         if VariationKind.TWO_KINDS in self.group.kinds:
             yield self.in_two_kinds()
@@ -235,34 +241,42 @@ class GroupEquations:
     @cached_property
     def in_every_view(self) -> Variation:
         """The variation with deviations of each view's own."""
-        sides = [np.ones(self.size)]
-        if not self.group.numbers:
-            sides = [np.repeat(ratio, 3) for ratio in MOTIONS]
-        fitted = [(*self._of_each(side), side) for side in sides]
-        gain, spread, deviations, side = max(fitted, key=lambda fit: fit[0])
+        all_ratios = [np.ones(self.size)]
+        if not self.group.numbers:  # a motion: its turn and its move have spreads of their own
+            all_ratios = [np.repeat(ratio, 3) for ratio in MOTIONS]
+        results = [(*self._best_of_each_view(ratios), ratios) for ratios in all_ratios]
+        gain, spread, deviations, ratios = max(results, key=lambda result: result[0])
         return Variation(
-            self.group, VariationKind.EACH, gain, spread * side, deviations * side, np.zeros(0)
+            group=self.group,
+            kind=VariationKind.EACH,
+            gain=gain,
+            scales=spread * ratios,
+            deviations=deviations * ratios,
+            pattern=np.zeros(0),
         )
 
-    def _of_each(self, side: Array) -> tuple[float, float, Array]:
+    def _best_of_each_view(self, all_ratios: Array) -> tuple[float, float, Array]:
         """Return the largest gain by deviations of each view's own with spreads of these (G,)
-        ratios, their spread, and the (V, G) deviations over the ratios.
+        ratios, their spread, and the (V, G) deviations over the ratios. Numbers whose ratio is 0
+        do not deviate.
         """
-        chosen = np.flatnonzero(side)
-        ratios = side[chosen]
+        chosen = np.flatnonzero(all_ratios)
+        ratios = all_ratios[chosen]
         diagonal = self.diagonal[:, chosen[:, None], chosen] * np.outer(ratios, ratios)
         coupling = self.coupling[:, :, chosen] * ratios
         score = self.score[:, chosen] * ratios
         deviations = np.zeros(self.score.shape)
         if score.size > MIN_LOW_RANK * coupling.shape[1]:
-            gain, spread, deviations[:, chosen] = self._of_many(diagonal, coupling, score)
+            gain, spread, deviations[:, chosen] = self._largest_gain_by_blocks(
+                diagonal, coupling, score
+            )
             return gain, spread, deviations
-        information = _information(diagonal, coupling)
+        information = _information_of_views(diagonal, coupling)
         (gain,), (spread,), (sizes,) = self._largest_gains(information[None], score.reshape(1, -1))
         deviations[:, chosen] = sizes.reshape(score.shape)
         return float(gain), float(spread), deviations
 
-    def _of_many(
+    def _largest_gain_by_blocks(
         self, diagonal: Array, coupling: Array, score: Array
     ) -> tuple[float, float, Array]:
         """Return what `_largest_gains` does for one matrix that is much larger than the number of
@@ -294,15 +308,15 @@ class GroupEquations:
         pattern, with the spread of this fit.
         """
         if variation.pattern.size:
-            return self.following(variation.kind, variation.pattern).gain - variation.penalty
-        return self._of_each(variation.scales / variation.scales.max())[0]
+            return self.variation_along(variation.kind, variation.pattern).gain - variation.penalty
+        return self._best_of_each_view(variation.scales / variation.scales.max())[0]
 
     def in_two_kinds(self) -> Variation:
         """Return the variation of two kinds of views, from a start: deviations of each view's own,
         which differ most between the kinds.
         """
         divisions = _divisions(self.in_every_view.deviations)
-        best = self.best_following(VariationKind.TWO_KINDS, divisions)
+        best = self.best_variation_along(VariationKind.TWO_KINDS, divisions)
         for _ in range(MAX_PASSES):
             previous = best
             best = self._move_views(best)
@@ -320,27 +334,28 @@ class GroupEquations:
             moved = (best.pattern > 0) ^ np.eye(self.count, dtype=bool)[next_views]
             first_kind = moved.sum(1)
             patterns = centred_pattern(moved)
-            gains = self._gains_following(patterns)[0]
+            gains = self._gains_along(patterns)[0]
             gains[np.minimum(first_kind, self.count - first_kind) < MIN_BLOCK] = -np.inf
             better = np.flatnonzero(gains > best.gain)
             if better.size:
-                best = self.following(best.kind, patterns[better[0]])
+                best = self.variation_along(best.kind, patterns[better[0]])
                 view += int(better[0]) + 1
             else:
                 view += len(next_views)
         return best
 
-    def best_following(self, kind: VariationKind, patterns: Array) -> Variation:
+    def best_variation_along(self, kind: VariationKind, patterns: Array) -> Variation:
         """Return the most probable variation whose deviations follow one of the (P, V) patterns."""
-        return self.following(kind, patterns[self._gains_following(patterns)[0].argmax()])
+        return self.variation_along(kind, patterns[self._gains_along(patterns)[0].argmax()])
 
-    def following(self, kind: VariationKind, pattern: Array) -> Variation:
+    def variation_along(self, kind: VariationKind, pattern: Array) -> Variation:
         """Return the variation whose deviations follow a (V,) pattern."""
-        (gain,), (spread,), (sizes,) = self._gains_following(pattern[None])
+        (gain,), (spread,), (sizes,) = self._gains_along(pattern[None])
         scales = np.full(self.size, spread)
-        return Variation(self.group, kind, float(gain), scales, pattern[:, None] * sizes, pattern)
+        deviations = pattern[:, None] * sizes
+        return Variation(self.group, kind, float(gain), scales, deviations, pattern)
 
-    def _gains_following(self, patterns: Array) -> tuple[Array, Array, Array]:
+    def _gains_along(self, patterns: Array) -> tuple[Array, Array, Array]:
         """Return `_largest_gains` of deviations that follow each of the (P, V) patterns."""
         diagonal = np.tensordot(patterns**2, self.diagonal, 1)  # (P, G, G)
         coupling = np.tensordot(patterns, self.coupling, 1)  # (P, S, G)
@@ -371,7 +386,7 @@ class GroupEquations:
         return np.asarray(-(log_determinant + self.freedom * log_ratio) / 2)
 
 
-def _information(diagonal: Array, coupling: Array) -> Array:
+def _information_of_views(diagonal: Array, coupling: Array) -> Array:
     """Return the (V G, V G) information, view by view, of (V, G, G) blocks and their (V, S, G)
     coupling.
     """

@@ -10,10 +10,9 @@ scores of the board's corners, each summed over all views, tell by how much thes
 Sources: H. White, Maximum likelihood estimation of misspecified models (1982), for the covariance
     under a model that is not exact; R. M. Bell, D. F. McCaffrey, Bias reduction in standard errors
     for linear regression with multi-stage samples (2002), for a view's leverage (HC2): under an
-    exact model the expected scatter is 1, however many parameters a view determines. J. G.
-    MacKinnon, H. White, Some heteroskedasticity-consistent covariance matrix estimators with
-    improved finite sample properties (1985), for HC3; A. C. Cameron, J. B. Gelbach, D. L. Miller,
-    Robust inference with multiway clustering (2011), for views and corners of the board together.
+    exact model the expected scatter is 1, however many parameters a view determines. A. C. Cameron,
+    J. B. Gelbach, D. L. Miller, Robust inference with multiway clustering (2011), for views and
+    corners of the board together.
 """
 
 from __future__ import annotations

@@ -51,12 +51,17 @@ def find_variations(
 ) -> list[Variation]:
     """Return what differs from view to view, the most probable first.
 
-    If a model lacks something in single views, any numbers of single views imitate it. So the gain
-    of a variation is its increase of the log evidence over a model with a discrepancy
-    (calib.inference.model_discrepancy), which is estimated again beside the variation. The
-    discrepancy is smooth, and what the model lacks may not be: then numbers that follow a part of
-    it have a gain as well. So the numbers alone must also explain most of what the discrepancy
-    alone explains. If none do, what differs has no name.
+    If a model lacks something in single views, any numbers of single views imitate it. So a
+    variation must pass two tests:
+
+    - Its gain in log evidence over a model with a discrepancy (calib.inference.model_discrepancy)
+      exceeds MIN_GAIN. The discrepancy is estimated again with the variation in the model.
+    - By itself, it explains most of what the discrepancy by itself explains (MIN_EXPLAINED). The
+      discrepancy is smooth, and what the model lacks may not be: numbers that follow a part of it
+      pass the first test.
+
+    If variations pass the first test and none the second one, what differs has no name, and the
+    result is a `nameless_variation`.
 
     Args:
         fitted: a model at its optimum.
@@ -69,60 +74,70 @@ def find_variations(
     """
     if not _may_differ(fitted, context):
         return []
-    groups, patterns = _groups(fitted, context), patterns_of(fitted)
-    groups = [group for group in groups if nameless or group.has_cause]
+    patterns = patterns_of(fitted)
+    groups = [g for g in _groups(fitted, context) if nameless or g.has_cause]
+    rows = VariationRows.of(_with_shared_effects(fitted, context, shared), context)
+    plain = VariationEquations.of(rows)
+    with_discrepancy = VariationEquations.of(rows, rows.discrepancy(plain.solution))
+    discrepancy_gain = with_discrepancy.log_evidence - plain.log_evidence
+    baseline = plain.log_evidence + possible_gain(discrepancy_gain)
+    min_gain_of_name = MIN_EXPLAINED * max(0.0, discrepancy_gain)
+    if about:
+        gains = [variation.gain for variation in plain.group(about).variations(patterns)]
+        if max(gains) <= min_gain_of_name:
+            return []
+    pairs = sorted(
+        zip(
+            plain.variations(groups, patterns),
+            with_discrepancy.variations(groups, patterns),
+            strict=True,
+        ),
+        key=lambda pair: -pair[0].gain,
+    )
+    # Numbers of these groups explain most of what the discrepancy explains, so they have a name.
+    named_groups = {v.group.name for v, _ in pairs if v.gain > min_gain_of_name}
+    gains = []
+    results = []
+    for index, (variation, variation_with_discrepancy) in enumerate(pairs):
+        if variation.largest >= MAX_DEVIATION:
+            continue
+        with_both = with_discrepancy.log_evidence + variation_with_discrepancy.gain
+        if index < MAX_REFINED and variation.gain > MIN_GAIN:
+            with_both = max(with_both, plain.log_evidence_beside(variation))
+        with_variation = plain.log_evidence + variation.gain
+        gain = with_variation + possible_gain(with_both - with_variation) - baseline
+        if gain <= MIN_GAIN:
+            continue
+        gains.append(gain)
+        if variation.group.name in named_groups or not nameless:
+            likelihoods = (
+                with_discrepancy.view_log_likelihoods(variation_with_discrepancy)
+                if discrepancy_gain > 0
+                else plain.view_log_likelihoods(variation)
+            )
+            results.append(replace(variation, gain=gain, view_log_likelihoods=likelihoods))
+    if gains and not results:
+        return [nameless_variation(max(gains), len(fitted.observations.names))]
+    return sorted(results, key=lambda variation: -variation.gain)
+
+
+def _with_shared_effects(
+    fitted: FittedModel, context: EffectContext, kinds: Sequence[type[Effect]]
+) -> FittedModel:
+    """Return a model with the effects of these kinds that it lacks, at their neutral values, and
+    with priors adapted to the residual.
+    """
     present = {effect.name for effect in fitted.model.effects}
     proposals = [
-        effect for kind in shared if kind.name not in present for effect in kind.propose(context)
+        effect for kind in kinds if kind.name not in present for effect in kind.propose(context)
     ]
-    effects = [test.effect for test in tuned_score_tests(fitted, proposals)]
-    rows = VariationRows.of(fitted.with_neutral(effects), context)
-    alone = VariationEquations.of(rows)
-    discrepancy = rows.discrepancy(alone.solution)
-    with_discrepancy = VariationEquations.of(rows, discrepancy)
-    without = alone.log_evidence + possible_gain(with_discrepancy.log_evidence - alone.log_evidence)
-    structure = max(0.0, with_discrepancy.log_evidence - alone.log_evidence)
-    if about:
-        gains = [variation.gain for variation in alone.group(about).variations(patterns)]
-        if max(gains) <= MIN_EXPLAINED * structure:
-            return []
-    candidates = []
-    sufficient = []
-    variations = zip(
-        alone.variations(groups, patterns),
-        with_discrepancy.variations(groups, patterns),
-        strict=True,
-    )
-    explaining = set[str]()  # names of groups
-    for index, (first, second) in enumerate(sorted(variations, key=lambda pair: -pair[0].gain)):
-        if first.gain > MIN_EXPLAINED * structure:
-            explaining.add(first.group.name)
-        evidence_with_discrepancy = with_discrepancy.log_evidence + second.gain
-        if first.largest >= MAX_DEVIATION:
-            continue
-        if index < MAX_REFINED and first.gain > MIN_GAIN:
-            evidence_with_discrepancy = max(
-                evidence_with_discrepancy, alone.log_evidence_beside(first)
-            )
-        evidence = alone.log_evidence + first.gain
-        evidence += possible_gain(evidence_with_discrepancy - evidence)
-        if evidence - without <= MIN_GAIN:
-            continue
-        candidates.append(evidence - without)
-        if first.group.name in explaining or not nameless:
-            likelihoods = (
-                with_discrepancy.view_log_likelihoods(second)
-                if structure
-                else alone.view_log_likelihoods(first)
-            )
-            sufficient.append(replace(first, gain=candidates[-1], view_log_likelihoods=likelihoods))
-    if candidates and not sufficient:
-        return [structure_of_no_cause(max(candidates), len(fitted.observations.names))]
-    return sorted(sufficient, key=lambda variation: -variation.gain)
+    return fitted.with_neutral([test.effect for test in tuned_score_tests(fitted, proposals)])
 
 
-def structure_of_no_cause(gain: float, views: int) -> Variation:
-    """Return a variation that stands for structure of each view's own, which has no numbers."""
+def nameless_variation(gain: float, views: int) -> Variation:
+    """Return a variation without numbers, for views that differ in a way that no number explains: a
+    discrepancy in each of them.
+    """
     deviations = np.zeros((views, 0))
     group = Group(STRUCTURE, (), (VariationKind.EACH,))
     return Variation(group, VariationKind.EACH, gain, np.zeros(0), deviations, np.zeros(0))
@@ -166,6 +181,7 @@ def _may_differ(fitted: FittedModel, context: EffectContext) -> bool:
 def _with_largest_gain(
     fitted: FittedModel, context: EffectContext
 ) -> tuple[VariationEquations, float]:
+    """Return the equations of a model as it is, and the largest gain of its variations."""
     equations, variations = _variations(fitted, context)
     return equations, max((variation.gain for variation in variations), default=0.0)
 

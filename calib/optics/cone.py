@@ -1,4 +1,4 @@
-"""A cone around the y axis of the cover's frame; with no slope, a cylinder (the paper's section 2,
+"""A cone around the y axis of the cover's frame; with no slope, a cylinder (the paper's
 Fig. 1b).
 """
 

@@ -2,8 +2,8 @@
 function (RBF) network.
 
 Its centres form a regular grid over the surface's chart, and a fit estimates its amplitudes (the
-paper's section 2, equation 1). A height and its gradient are sums of products of one-dimensional
-Gaussians, so both cost rows + columns exponentials a point.
+paper's equation 1). A height and its gradient are sums of products of one-dimensional Gaussians, so
+both cost rows + columns exponentials a point.
 """
 
 from dataclasses import dataclass

@@ -43,7 +43,9 @@ from calib.session.board import Board
 from calib.threads import single_thread
 
 CHANGED = "its own calibration no longer holds, so its pose cannot be compared"
-LEADS = "its cover is shared, and the pictures do not tell its motion from that of the cover"
+BEHIND_SHARED_COVER = (
+    "its cover is shared, and the pictures do not tell its motion from that of the cover"
+)
 CONTRADICTORY = "its pictures contradict each other"
 LEFT_OUT = "the pictures of another camera contradict each other"
 ALONE = "no other compared camera sees the board together with it"
@@ -124,10 +126,14 @@ class RigChecker:
         unplaced |= {name: ALONE for name in usable if name not in names}
         reference = self.rig.covers.get(self.rig.reference, self.rig.reference)
         base = reference if reference in names else names[0]
-        leads = [camera.name for camera in self.linear.cameras if camera.leads]
-        unplaced |= {name: LEADS for name in names if name in leads and name != base}
-        reported = tuple(name for name in names if name != base and name not in leads)
-        movable = reported if len(names) == 2 or base in leads else (base, *reported)
+        cover_cameras = [
+            camera.name for camera in self.linear.cameras if camera.describes_shared_cover
+        ]
+        unplaced |= {
+            name: BEHIND_SHARED_COVER for name in names if name in cover_cameras and name != base
+        }
+        reported = tuple(name for name in names if name != base and name not in cover_cameras)
+        movable = reported if len(names) == 2 or base in cover_cameras else (base, *reported)
         noise = {
             name: result.statistics.noise_ratio
             for name, result in camera_checks.items()

@@ -176,7 +176,7 @@ class MountingTest:
         fits, and extrapolated from there.
         """
         ranking = rank_rig_hypotheses(self.linear, predictive, self.movable, self.scatter.typical)
-        followers = {camera.name for camera in self.linear.cameras if camera.own_motion}
+        followers = {camera.name for camera in self.linear.cameras if camera.follower}
         for _ in range(MAX_ROUNDS if gross else 0):
             best = next(h for h in ranking if h.name in KINDS or h.name == BAD_PLACEMENT)
             if best.camera in followers:

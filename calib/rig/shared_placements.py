@@ -79,7 +79,7 @@ class SharedPlacements:
                 continue
             chosen = [v for v, use in zip(views[camera.name], used, strict=True) if use]
             observations = Observations.of(chosen, boards[camera.name])
-            placed = camera.placed(observations, torch.from_numpy(places[used]))
+            placed = camera.place_views(observations, torch.from_numpy(places[used]))
             groups.append((camera, placed))
             alone[camera.name] = torch.full((len(order), 6), torch.nan, dtype=torch.float64)
             own_poses = poses[camera.name][torch.from_numpy(used)]
@@ -161,7 +161,7 @@ def own_scatter(rig: Rig, linear: LinearRig) -> Overdispersion:
     if len(shared) > MAX_COMPARED:
         shared = shared[np.linspace(0, len(shared) - 1, MAX_COMPARED).astype(np.int64)]
     views = [
-        (camera, camera.placed(Observations.of(c.views, c.board), torch.from_numpy(places)))
+        (camera, camera.place_views(Observations.of(c.views, c.board), torch.from_numpy(places)))
         for camera, c, places in zip(
             linear.cameras, rig.calibrations.values(), rig.of_views.values(), strict=True
         )

@@ -148,7 +148,7 @@ def read_session(path: str | Path) -> Session:
     if not isinstance(path, str | PathLike):
         raise wrong_type("path", path, "the path of the folder that holds session.yaml")
     try:
-        return _read(Path(path), bare_of=None)
+        return _read_folder(Path(path), bare_of=None)
     except OSError as error:
         raise InputError(
             f"{error.filename or path} cannot be read ({error.strerror}): check its name and"
@@ -191,22 +191,13 @@ def session_to_yaml(board: Board, camera: Camera, cover: Cover) -> dict[str, obj
     }
 
 
-def _read(path: Path, bare_of: Session | None) -> Session:
-    file = path / "session.yaml"
-    if not path.is_dir():
-        if not path.exists():
-            raise InputError(
-                f"{path} does not exist: give the folder of a session, or of pictures of the board."
-            )
-        advice = f"; `{fit_pictures_command(path)}` makes a session of it" if is_media(path) else ""
-        raise InputError(
-            f"{path} is not a folder: give the folder that holds session.yaml{advice}."
-        )
-    if not file.exists():
-        raise InputError(
-            f"{path} has no session.yaml: `{fit_pictures_command(path)}` writes one for pictures,"
-            f" `calib init {shell_path(path)}` one to fill in, at the least {MINIMAL}"
-        )
+def _read_folder(path: Path, bare_of: Session | None) -> Session:
+    """Read and check a folder with a session.yaml.
+
+    Args:
+        bare_of: the session whose `bare/` this folder is; None for a session of its own.
+    """
+    file = _session_file(path)
     section = Section(read_yaml(file), str(file))
     section.choice("format", (FORMAT,), f"{FORMAT}, the format that this version of calib reads")
     section.allow_only(
@@ -228,7 +219,7 @@ def _read(path: Path, bare_of: Session | None) -> Session:
         assert isinstance(board, PointTarget)
         board = PointTarget.of(near_origin(join_places(points)), board.pitch)
         session = Session(path, board, camera, cover, (), None, None, points=points)
-        return _completed(session, section, bare_of)
+        return _with_surroundings(session, section, bare_of)
     corners = _read_corners_path(section, path)
     frames = session_pictures(path)
     if not frames and not corners:
@@ -242,11 +233,35 @@ def _read(path: Path, bare_of: Session | None) -> Session:
             f" capture {shell_path(path)}"
         )
     session = Session(path, board, camera, cover, frames, corners, None)
-    return _completed(session, section, bare_of)
+    return _with_surroundings(session, section, bare_of)
 
 
-def _completed(session: Session, section: Section, bare_of: Session | None) -> Session:
-    """Return the session with its bare pictures, its prior and its unknown intrinsics."""
+def _session_file(folder: Path) -> Path:
+    """Return the session.yaml of a folder; raise InputError if there is none."""
+    if not folder.exists():
+        raise InputError(
+            f"{folder} does not exist: give the folder of a session, or of pictures of the board."
+        )
+    if not folder.is_dir():
+        advice = ""
+        if is_media(folder):
+            advice = f"; `{fit_pictures_command(folder)}` makes a session of it"
+        raise InputError(
+            f"{folder} is not a folder: give the folder that holds session.yaml{advice}."
+        )
+    file = folder / "session.yaml"
+    if not file.exists():
+        raise InputError(
+            f"{folder} has no session.yaml: `{fit_pictures_command(folder)}` writes one for"
+            f" pictures, `calib init {shell_path(folder)}` one to fill in, at the least {MINIMAL}"
+        )
+    return file
+
+
+def _with_surroundings(session: Session, section: Section, bare_of: Session | None) -> Session:
+    """Return the session with its bare pictures, its prior, and unknown intrinsics if nothing gives
+    them. A session in `bare/` has none of these; it is checked against the session around it.
+    """
     path, camera, cover = session.path, session.camera, session.cover
     file = path / "session.yaml"
     if bare_of:
@@ -276,12 +291,13 @@ def fit_pictures_command(path: Path) -> str:
 
 
 def _read_setup(section: Section) -> tuple[Board, Camera, Cover]:
+    """Read the keys board or target, camera, and cover."""
     board = _read_board(section)
-    camera = section.section("camera", "{width: 1640, height: 1232}")
+    camera = read_camera(section.section("camera", "{width: 1640, height: 1232}"))
     covers = cover_sections(section, "{shape: none}")
-    setup = board, read_camera(camera), read_cover(*covers)
-    check_correlations(covers[0], setup[1].intrinsics, setup[2])
-    return setup
+    cover = read_cover(*covers)
+    check_correlations(covers[0], camera.intrinsics, cover)
+    return board, camera, cover
 
 
 def _read_board(section: Section) -> Board:
@@ -304,6 +320,7 @@ def _read_board(section: Section) -> Board:
 
 
 def _target_to_yaml(board: Board) -> dict[str, object]:
+    """Return the section of a target of points."""
     pitch = board.pitch if isinstance(board, PointTarget) else None
     return {"type": POINTS} | ({PITCH.key: PITCH.to_yaml(pitch)} if pitch else {})
 
@@ -319,6 +336,7 @@ def _read_target(section: Section, path: Path, camera: Camera) -> tuple[PointVie
 
 
 def _read_corners_path(section: Section, folder: Path) -> Path | None:
+    """Return the corners file that a session names; None if it names none."""
     if "corners" not in section.values:
         return None
     path = folder / section.text("corners", "the name of a corners file, such as corners.vnl")
@@ -331,6 +349,7 @@ def _read_corners_path(section: Section, folder: Path) -> Path | None:
 
 
 def _read_prior(section: Section, folder: Path, camera: Camera, cover: Cover) -> FleetPrior | None:
+    """Return the prior of a fleet that a session names; None if it names none."""
     if PRIOR_KEY not in section.values:
         return None
     path = folder / section.text(
@@ -354,7 +373,7 @@ def _read_bare(session: Session) -> Session | None:
     if not folder.is_dir():
         return None
     if (folder / "session.yaml").exists():
-        return _read(folder, bare_of=session)
+        return _read_folder(folder, bare_of=session)
     frames = list_images(folder)
     if not frames:
         raise InputError(

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calib.corners.coded import PAST_LAST_ROW
+from calib.corners.board_markers import PAST_LAST_ROW
 from calib.session.coding import AprilGrid
 from calib.verdict.case import Case
 from calib.verdict.thresholds import BESIDE_UNSEEN

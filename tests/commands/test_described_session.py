@@ -17,11 +17,12 @@ from PIL import Image
 from calib import cli
 from calib.cli import main
 from calib.commands.command_line import _parser
-from calib.commands.described_session import describe_search, session_of
+from calib.commands.described_board import describe_search
+from calib.commands.described_session import session_of
 from calib.corners.board_search import FoundBoard
 from calib.errors import InputError
 from calib.importing.from_video import MAX_FRAMES
-from calib.importing.picture_session import find_pictures
+from calib.importing.named_pictures import find_pictures
 from calib.io.images import list_images
 from calib.progress import Silent
 from calib.session.board import Board

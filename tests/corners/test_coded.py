@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.corners import coded
+from calib.corners import misprint
 from calib.corners.detection import Detection, NotFound
 from calib.corners.find import find_board
 from calib.corners.lattice import Lattice, edge_normals
@@ -278,7 +278,7 @@ def test_outlines_inside_of_the_tags_do_not_refuse_a_board(monkeypatch: pytest.M
         corners[indices] = outlines.reshape(-1, 2)
         return corners
 
-    monkeypatch.setattr(coded, "refine_tag_outlines", shrink)
+    monkeypatch.setattr(misprint, "refine_tag_outlines", shrink)
     drawn = GRID.view(WHOLE)
     detection = found_in(drawn.picture, GRID.board)
     error = np.linalg.norm(detection.corners - drawn.corners, axis=1)

@@ -27,14 +27,14 @@ COARSE = Settings(grid=(8, 8))
 
 
 def resolve(made: Scene, cover: Cover, settings: Settings = COARSE) -> tuple[ResolvedFit, Setup]:
-    """Return the resolved fit and the nominal setup."""
-    nominal = Setup(made.board, CAMERA, INTRINSICS, cover)
-    setup = nominal.with_tolerances(settings)
+    """Return the resolved fit and the setup as declared."""
+    fixed_setup = Setup(made.board, CAMERA, INTRINSICS, cover)
+    setup = fixed_setup.with_tolerances(settings)
     with single_thread():
         first = fit_stages(setup, made.observations, settings, Silent())
         return resolve_prior_conflict(
-            first, setup, nominal, made.views, settings, Silent()
-        ), nominal
+            first, setup, fixed_setup, made.views, settings, Silent()
+        ), fixed_setup
 
 
 @pytest.fixture(scope="module")
@@ -43,17 +43,17 @@ def good() -> Scene:
 
 
 def test_tolerances_are_used_if_the_estimates_keep_to_them(good: Scene) -> None:
-    resolved, nominal = resolve(good, good.cover)
-    assert resolved.setup == resolved.declared == nominal.with_tolerances(Settings())
+    resolved, fixed_setup = resolve(good, good.cover)
+    assert resolved.setup == resolved.declared == fixed_setup.with_tolerances(Settings())
     assert resolved.doubted == ()
 
 
 def test_a_wrong_number_is_estimated_though_it_is_contradicted(good: Scene) -> None:
-    resolved, nominal = resolve(
+    resolved, fixed_setup = resolve(
         good, replace(good.cover, parameters={**good.cover.parameters, "thickness": Number(0.006)})
     )
     assert resolved.doubted == ("cover.thickness",)
-    assert resolved.declared == nominal.with_tolerances(Settings())
+    assert resolved.declared == fixed_setup.with_tolerances(Settings())
     assert (
         resolved.setup.cover.parameters["thickness"].sigma
         > resolved.declared.cover.parameters["thickness"].sigma

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.importing.picture_session import Description, describe_pictures, find_pictures
+from calib.importing.named_pictures import find_pictures
+from calib.importing.picture_session import Description, describe_pictures
 from calib.progress import Silent
 from calib.session.board import Board
 

@@ -49,7 +49,7 @@ def test_many_views_gain_what_eigenvectors_say(
     results = []
     for ratio in (0, 10**6):
         monkeypatch.setattr(variation_equations, "MIN_LOW_RANK", ratio)
-        results.append(equations._of_each(sides))
+        results.append(equations._best_of_each_view(sides))
     (gain, spread, deviations), (expected_gain, expected_spread, expected) = results
     assert spread == expected_spread
     # ROUNDING of the shared parameters' information is added to it
@@ -65,7 +65,7 @@ def test_a_pattern_gains_what_the_rows_say(
     """The oracle is the determinant and the least squares solution of all rows together."""
     shared, differing, residual = rows
     pattern = centred_pattern(np.arange(VIEWS)[None] >= 15)[0]
-    found = equations.following(VariationKind.TWO_KINDS, pattern)
+    found = equations.variation_along(VariationKind.TWO_KINDS, pattern)
     columns = differing @ np.kron(pattern[:, None], np.eye(SIZE))
     columns -= shared @ np.linalg.lstsq(shared, columns, rcond=None)[0]
     gains = []

@@ -36,7 +36,7 @@ from calib.inference.varying_numbers import (
 from calib.inference.view_variation import (
     find_variations,
     largest_gain,
-    structure_of_no_cause,
+    nameless_variation,
 )
 from calib.optics.build import covered_path, pinhole_path
 from calib.optics.exposure import MIDDLE
@@ -135,7 +135,7 @@ def test_the_gain_is_that_of_dense_algebra(kind: VariationKind) -> None:
     variation = (
         equations.in_every_view
         if kind is VariationKind.EACH
-        else equations.following(kind, time_patterns(np.linspace(0, 1, 5))[kind][0])
+        else equations.variation_along(kind, time_patterns(np.linspace(0, 1, 5))[kind][0])
     )
     assert variation.gain > 1
     columns = rows.columns(group) * variation.scales
@@ -294,7 +294,7 @@ def test_what_no_view_determines_ends_no_question() -> None:
     """Rounding errors make the information about it indefinite."""
     made = session(8, "wet-flat")
     rows = VariationRows.of(optimum(made), context_of(made))
-    values, axes = np.linalg.eigh(VariationEquations.of(rows)._reduced[:-1, :-1])
+    values, axes = np.linalg.eigh(VariationEquations.of(rows)._shared_products[:-1, :-1])
     lost = (values[0] + 1e-14 * values[-1]) * np.outer(axes[:, 0], axes[:, 0])
     indefinite = replace(rows, precision=rows.precision - lost)
     assert np.isfinite(VariationEquations.of(indefinite).solution).all()
@@ -328,8 +328,8 @@ def test_what_has_no_known_cause_has_no_name(name: str) -> None:
         assert "the distortion of the picture follows the distance of the board" in str(differing)
 
 
-def test_structure_of_no_cause_is_told_without_a_name() -> None:
-    structure = structure_of_no_cause(50.0, 3)
+def test_a_nameless_variation_is_told_without_a_name() -> None:
+    structure = nameless_variation(50.0, 3)
     differing = Differing((structure,), (1.0,), ("a", "b", "c"))
     assert not differing.named
     assert not differing.likely

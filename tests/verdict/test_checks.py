@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.calibration_content import Declared, Stage
-from calib.corners.coded import PAST_LAST_ROW
+from calib.corners.board_markers import PAST_LAST_ROW
 from calib.corners.view import RejectedPicture, View
 from calib.effects.wedge import Wedge
 from calib.estimation.levenberg_marquardt import Outcome
