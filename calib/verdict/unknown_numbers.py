@@ -42,7 +42,7 @@ def _unseen_cover(case: Case) -> Iterator[Reason]:
     sentence = (
         f"these pictures do not show a cover: {listed} explains them as well, and the maps would"
         f" differ by {max(rivals.values()):.2g} px. If there is a cover, write its shape in"
-        " session.yaml, with its numbers."
+        f" {case.next.description}, with its numbers."
     )
     yield Reason(sentence, case.next.fit(), ("cover.shape",))
 
@@ -58,7 +58,7 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
         sentence = (
             f"these estimates are far outside of the usual range: {listed}. An unknown number can"
             " hide an error of another kind: measure one of these numbers, and write it in"
-            " session.yaml."
+            f" {case.next.description}."
         )
         yield Reason(sentence, case.next.fit(), tuple(number.name for number in unusual))
     numbers = [number for number in compared if number.is_open and not number.is_unusual]
