@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 from calib.io.result_names import CALIBRATION_FILE
 from calib.progress import Progress
 from capture.tui.child import LOADING, MOVE_IT
-from capture.tui.corrected_fields import suspected_fields
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -67,6 +66,7 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
     from calib.session.shapes.layer import medium_word
     from calib.verdict.judge import judge
     from calib.verdict.uncertainty import reached_depths
+    from capture.tui.corrected_fields import suspected_fields
 
     verdict = judge(calibration, folder=saved.parent, in_form=True)
     observations = calibration.observations

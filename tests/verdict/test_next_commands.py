@@ -233,18 +233,20 @@ def test_sentences_name_the_file_and_options_only_where_there_is_no_form(file: P
     if allowed is None:
         return
     tree = ast.parse(file.read_text())
-    alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     texts = {
         node.value
         for node in ast.walk(tree)
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and id(node) not in docstrings
     }
-    named = {text for text in texts if "session.yaml" in text or re.search(r"\s--[a-z]", text)}
-    assert named <= allowed
+    mentions = {text for text in texts if "session.yaml" in text or re.search(r"\s--[a-z]", text)}
+    assert mentions <= allowed
 
 
 @pytest.mark.parametrize(
-    ("owned", "plain", "with_sigma"),
+    ("is_owned", "plain", "with_sigma"),
     [
         (
             False,
@@ -255,10 +257,10 @@ def test_sentences_name_the_file_and_options_only_where_there_is_no_form(file: P
     ],
 )
 def test_the_medium_is_named_for_options_and_for_a_file(
-    owned: bool, plain: str, with_sigma: str, tmp_path: Path
+    is_owned: bool, plain: str, with_sigma: str, tmp_path: Path
 ) -> None:
     commands = NextCommands(tmp_path, tmp_path / "calibration", Settings())
-    if owned:
+    if is_owned:
         OutputFolder(tmp_path).write("session.yaml", "format: 1\n")
     assert commands.name_medium(1.333) == plain
     assert commands.name_medium(1.34, 0.004) == with_sigma
