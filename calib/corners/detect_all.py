@@ -207,8 +207,17 @@ class _Search:
             advice = CHECKERBOARD_ADVICE
         raise NotEnoughDataError(
             f"the {self.board} board was found in {self.hits} of"
-            f" {counted(len(self.paths), 'picture')}: {advice}, or take more of them."
+            f" {counted(len(self.paths), 'picture')}: {advice}, {self._further_advice}."
         )
+
+    @property
+    def _further_advice(self) -> str:
+        """What else may help: if no picture shows the board, it may be another one."""
+        if self.hits:
+            return "or take more of them"
+        if self.board.coding:
+            return "and check that it has the declared type, columns, rows and dictionary"
+        return f"and check that it has {self.board} inner corners (board.columns, board.rows)"
 
     def detections(self) -> Detections:
         """Return the views and the rejected pictures, in the order of the pictures."""

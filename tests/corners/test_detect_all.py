@@ -277,7 +277,10 @@ def test_a_wrongly_declared_board_is_named(tmp_path: Path, declared: Board, keys
 def test_pictures_without_a_board_say_what_to_check(tmp_path: Path) -> None:
     with pytest.raises(
         NotEnoughDataError,
-        match="9x6 board was found in 0 of 3 pictures: show the whole board with its white margin",
+        match=(
+            "9x6 board was found in 0 of 3 pictures: show the whole board with its white margin,"
+            r" .* and check that it has 9x6 inner corners \(board.columns, board.rows\)"
+        ),
     ):
         detect(write(tmp_path, [None] * 3), BOARD)
 
