@@ -146,8 +146,11 @@ def print_fit(calibration: Calibration, seconds: float, verdict: Verdict | None 
         console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
     if validation := calibration.outcome.cross_validation:
         console.print(
-            f"Held out in {validation.folds} folds: {validation.held_out_px:.3f} px, where"
-            f" the fitted views have {validation.fitted_px:.3f} px."
+            f"Tested by {validation.folds} more fits, each of which left out a different part of"
+            f" the views: {validation.held_out_px:.3f} px on what was left out,"
+            f" {validation.fitted_px:.3f} px on what was fitted. The fit"
+            f" {'overfits' if validation.overfits else 'does not overfit'}.",
+            soft_wrap=True,
         )
     _list_rejected(console, calibration.rejected)
 

@@ -8,7 +8,7 @@ from rich.console import Console
 from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.io.result_names import CALIBRATION_ARRAYS, CALIBRATION_FILE
-from calib.verdict.next_commands import HOLDOUT, HOLDOUT_NOTE, NEW_FILM
+from calib.verdict.next_commands import HOLDOUT, HOLDOUT_NOTE, NEW_FILM, TESTED_NOTE
 from calib.verdict.verdict import Trust, Verdict
 
 COLOURS = {Trust.TRUSTED: "green", Trust.CARE: "yellow", Trust.DO_NOT_USE: "red"}
@@ -45,6 +45,7 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
         console.print(harmless(f"{start} {runnable_command(command)}"))
     if any(HOLDOUT in command.split() for _, command in commands):
         is_rig = verdict.next.startswith("calib rig ")
-        console.print(RIG_HOLDOUT_NOTE if is_rig else HOLDOUT_NOTE)
+        note = TESTED_NOTE if verdict.is_tested else HOLDOUT_NOTE
+        console.print(RIG_HOLDOUT_NOTE if is_rig else note)
     if NEW_FILM in verdict.next.split():
         console.print(FILM_NOTE)

@@ -207,8 +207,17 @@ class _Search:
             advice = CHECKERBOARD_ADVICE
         raise NotEnoughDataError(
             f"the {self.board} board was found in {self.hits} of"
-            f" {counted(len(self.paths), 'picture')}: {advice}, or take more of them."
+            f" {counted(len(self.paths), 'picture')}: {advice}, {self._further_advice}."
         )
+
+    @property
+    def _further_advice(self) -> str:
+        """What else may help: if no picture shows the board, it may be another one."""
+        if self.hits:
+            return "or take more of them"
+        if self.board.coding:
+            return "and check that it has the declared type, columns, rows and dictionary"
+        return f"and check that it has {self.board} inner corners (board.columns, board.rows)"
 
     def detections(self) -> Detections:
         """Return the views and the rejected pictures, in the order of the pictures."""
@@ -260,7 +269,7 @@ def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
     if reason := why_unusable(pictures, shown):
         raise OtherBoardError(f"{reason}.")
     if shown:
-        raise _other_size(shown, f"none of these shows the declared {board}")
+        raise _other_size(shown, board, f"none of these shows the declared {board}")
 
 
 def refuse_larger_board(paths: Sequence[Path], board: Board) -> None:
@@ -276,16 +285,21 @@ def refuse_larger_board(paths: Sequence[Path], board: Board) -> None:
     longer, shorter = max(board.columns, board.rows), min(board.columns, board.rows)
     if longer <= shown.columns and shorter <= shown.rows:
         raise _other_size(
-            shown, f"the declared {board} is a part of it, another one in each picture"
+            shown, board, f"the declared {board} is a part of it, another one in each picture"
         )
 
 
-def _other_size(shown: ShownSize, difference: str) -> OtherBoardError:
+def _other_size(shown: ShownSize, board: Board, difference: str) -> OtherBoardError:
+    sizes = {
+        "board.columns": (board.columns, shown.columns),
+        "board.rows": (board.rows, shown.rows),
+    }
+    keys = [f"{key}: {seen}" for key, (declared, seen) in sizes.items() if seen != declared]
     verb = "show" if len(shown.pictures) > 1 else "shows"
     return OtherBoardError(
         f"{counted(len(shown.pictures), 'picture')} {verb} a board of"
-        f" {shown.columns}x{shown.rows} inner corners, and {difference}: write board.columns:"
-        f" {shown.columns}, board.rows: {shown.rows} in session.yaml, or call calib fit with"
+        f" {shown.columns}x{shown.rows} inner corners, and {difference}: write"
+        f" {', '.join(keys)} in session.yaml, or call calib fit with"
         f" --board {shown.columns}x{shown.rows}."
     )
 

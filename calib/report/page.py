@@ -11,7 +11,7 @@ from calib.report.again import command_html, pasted
 from calib.report.scripts import Scripts
 from calib.report.summary import Summary
 from calib.report.tiles import tiles_html
-from calib.verdict.next_commands import HOLDOUT, HOLDOUT_NOTE
+from calib.verdict.next_commands import HOLDOUT, HOLDOUT_NOTE, TESTED_NOTE
 from calib.verdict.verdict import NEXT, Trust, Verdict
 from calib.version import VERSION
 
@@ -33,8 +33,6 @@ NO_BREAK = "\N{NO-BREAK SPACE}"
 
 COMMAND = re.compile("`([^`]+)`")
 """A command in a sentence."""
-NOTE = f'<p class="note">{HOLDOUT_NOTE}</p>'
-"""It stands below the first command that names the folder."""
 COLOURS = {Trust.TRUSTED: "good", Trust.CARE: "care", Trust.DO_NOT_USE: "bad"}
 """The class of a header, which gives its colour."""
 
@@ -81,7 +79,10 @@ and the pictures are here without it.</p></noscript>"""
 
 
 def commands_html(verdict: Verdict) -> str:
-    """Return the commands to type (`Verdict.labelled_commands`), with a note on HOLDOUT."""
+    """Return the commands to type (`Verdict.labelled_commands`), with a note on HOLDOUT
+    below the first of them that names that folder.
+    """
+    note = f'<p class="note">{TESTED_NOTE if verdict.is_tested else HOLDOUT_NOTE}</p>'
     paragraphs = []
     for label, command in verdict.labelled_commands(verdict.further):
         words = shlex.split(command)
@@ -91,8 +92,8 @@ def commands_html(verdict: Verdict) -> str:
             continue
         code = f"<code>{command_html(pasted(words))}</code>"
         paragraphs.append(f'<p class="{kind}">{label}: {code}</p>')
-        if HOLDOUT in words and NOTE not in paragraphs:
-            paragraphs.append(NOTE)
+        if HOLDOUT in words and note not in paragraphs:
+            paragraphs.append(note)
     return "\n".join(paragraphs)
 
 

@@ -50,7 +50,8 @@ def rival_lens(case: Case) -> Iterator[str]:
         for name, value in lens.items()
         if abs(value - stated[name].value) > MIN_DIFFERENCE * stated[name].sigma
     ]
-    source = "bare/" if case.calibration.outcome.intrinsics_from == "bare" else "session.yaml"
+    is_bare = case.calibration.outcome.intrinsics_from == "bare"
+    source = "bare/" if is_bare else case.next.description
     yield (
         "even glass and another lens explain these pictures as well as uneven glass and the lens of"
         f" {source}: {', '.join(changes)}. The maps are the same, but the numbers of camera and"

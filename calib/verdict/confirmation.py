@@ -55,7 +55,7 @@ def contradicted_numbers(case: Case) -> Iterator[Reason]:
     advice = (
         "find what the model lacks first, which may cause it"
         if lacking
-        else advice_on(case.calibration, [number.name for number in causes], DECLARED)
+        else advice_on(case, [number.name for number in causes], DECLARED)
     )
     yield Reason(
         f"these views contradict numbers that were not fitted: {numbers},"

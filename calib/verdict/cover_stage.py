@@ -50,8 +50,8 @@ def worse_than_none(case: Case) -> Iterator[Reason]:
     else:
         return
     sentence = (
-        f"{comparison}: check its numbers in session.yaml, their signs too, and that the pictures"
-        " were taken through it."
+        f"{comparison}: check its numbers in {case.next.description}, their signs too, and that the"
+        " pictures were taken through it."
     )
     yield Reason(sentence, case.next.fit(), _suspects(case))
 

@@ -21,13 +21,13 @@ SIDEWAYS = ("tilt.x", "tilt.y", "tilt.z", "offset.x", "centre.x", "centre.y")
 on all sides.
 """
 ADVICE = {
-    DECLARED: "measure it again, and correct session.yaml",
+    DECLARED: "measure it again, and correct {description}",
     BARE: (
         "take the pictures in bare/ again, with the focus, the zoom and the picture size as they"
         " are under the cover"
     ),
 }
-"""Advice by the source of the number."""
+"""Advice by the source of the number, with a gap for the place where the session is described."""
 
 
 def declared_numbers(case: Case) -> Iterator[Reason]:
@@ -50,7 +50,7 @@ def declared_numbers(case: Case) -> Iterator[Reason]:
         advice = (
             "find what the model lacks first, which may cause it"
             if model_lacks
-            else advice_on(case.calibration, (number.name, *rivals), number.source)
+            else advice_on(case, (number.name, *rivals), number.source)
         )
         others = "".join(f", or {rival} is wrong" for rival in rivals)
         sentence = (
@@ -68,20 +68,24 @@ def declared_numbers(case: Case) -> Iterator[Reason]:
         yield Reason(sentence, case.next.fit(), (number.name, *rivals))
 
 
-def advice_on(calibration: Calibration, names: Sequence[str], source: str) -> str:
+def advice_on(case: Case, names: Sequence[str], source: str) -> str:
     """Return what to do about contradicted numbers of one source.
 
     A person can measure a cover again, but no focal length: a declared lens that is wrong was
     calibrated under other conditions.
     """
+    calibration = case.calibration
     is_lens = all(CAMERA.has(name) for name in names)
     if source != DECLARED or calibration.outcome.intrinsics_from == "prior" or not is_lens:
-        return ADVICE[source]
+        return ADVICE[source].format(description=case.next.description)
     through = ", or was made through the cover" if calibration.cover.shape != "none" else ""
-    return (
-        f"the file is of another focus or picture size{through}: leave --intrinsics out, and write"
-        " intrinsics: unknown in session.yaml"
+    unknown = "write intrinsics: unknown in session.yaml"
+    correction = (
+        f"name a session of this lens at like (optional) in the set-up, or {unknown}"
+        if case.next.in_form
+        else f"leave --intrinsics out, and {unknown}"
     )
+    return f"the file is of another focus or picture size{through}: {correction}"
 
 
 def _rivals(calibration: Calibration, number: Comparison) -> list[str]:

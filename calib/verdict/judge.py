@@ -96,6 +96,7 @@ def judge(
     session: Path | None = None,
     evaluation: Evaluation | None = None,
     holdout: Path | None = None,
+    in_form: bool = False,
 ) -> Verdict:
     """Judge whether to trust a calibration, why not, and what to do next. No file is read, but
     for a calibration that is given by its path.
@@ -106,10 +107,12 @@ def judge(
         session: the fitted session in the commands; by default that of the calibration's
             provenance, or the folder around the calibration's if they were moved together.
         evaluation: the errors on views of the session `holdout`.
+        in_form: true if the sentences tell what to change in the form of `capture`, in place of
+            session.yaml and options.
     """
     calibration = Calibration.of(calibration)
     depths = tuple(dict.fromkeys(depths))
-    commands = NextCommands.of(calibration, folder, session, depths)
+    commands = replace(NextCommands.of(calibration, folder, session, depths), in_form=in_form)
     if holdout and commands.held_out and holdout.resolve() == commands.held_out.resolve():
         commands = replace(commands, evaluated=True)  # `evaluate` then asks for others
     case = Case(calibration, depths, commands, evaluation, str(holdout or HOLDOUT))
@@ -134,7 +137,8 @@ def judge(
         families = [family.note for family in diagnosis.families] if diagnosis else []
         doubts = (*settled, *undecided_medium(case), *rival_lens(case), *small_board(case))
         notes = (*families, *doubts, *_film_note(case))
-        return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses), notes)
+        is_tested = calibration.outcome.cross_validation is not None
+        return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses), notes, is_tested)
 
 
 def _film_note(case: Case) -> Iterator[str]:

@@ -52,17 +52,17 @@ def medium(case: Case) -> Iterator[Reason]:
         if not (differing and differing.first.group.is_medium):  # then that is said
             sentence = (
                 f"about {is_other.sum()} of the {len(is_other)} pictures seem to have been taken in"
-                f" {name}, the others in {medium_word(index)}, as declared: calib diagnose says"
-                " which. Keep the pictures of each medium in a session of its own."
+                f" {name}, the others in {medium_word(index)}, as declared: {case.next.diagnosis}"
+                " says which. Keep the pictures of each medium in a session of its own."
             )
             yield Reason(sentence, case.next.diagnose(), (declared.cover.medium_name,))
         return
     error = _error_in(case.calibration, name)
     if error < OTHER_MEDIUM * cover:
         sentence = (
-            f"with {name} outside of the cover, the error with the numbers of session.yaml is"
-            f" {error:.3f} px; with its outside_index of {index:g} it is {cover:.3f} px. So the"
-            f" board was in {name}."
+            f"with {name} outside of the cover, the error with the numbers of"
+            f" {case.next.description} is {error:.3f} px; with its outside_index of {index:g} it is"
+            f" {cover:.3f} px. So the board was in {name}: {case.next.name_medium(MEDIA[name])}."
         )
         command = case.next.fit_in(MEDIA[name])
         yield Reason(sentence, command, (declared.cover.medium_name,))
@@ -103,7 +103,8 @@ def undecided_medium(case: Case) -> Iterator[str]:
         yield (
             f"these pictures fit {name} outside of the cover about as well as {word}. The numbers"
             f" of camera and cover hold only if {word} is right: if it was {name},"
-            f" {_how_to_declare(case, name)}. Pictures without the cover, in bare/, would decide."
+            f" {case.next.name_medium(MEDIA[name])}. Pictures without the cover, in bare/, would"
+            " decide."
         )
 
 
@@ -118,7 +119,7 @@ def _more_probable(case: Case, stated: float) -> Iterator[Reason]:
     times = f"10^{power}" if power < MAX_POWER else f"more than 10^{MAX_POWER}"
     sentence = (
         f"the pictures do not fit this cover with {medium_word(stated)} outside of it. Either they"
-        f" were taken in {name} ({times} times as probable): {_how_to_declare(case, name)}."
+        f" were taken in {name} ({times} times as probable): {case.next.name_medium(MEDIA[name])}."
     )
     if case.tried_all_shapes:
         sentence += f" Or {case.other_shape}."
@@ -131,13 +132,6 @@ def _more_probable(case: Case, stated: float) -> Iterator[Reason]:
     yield Reason(sentence, command, suspects, Trust.DO_NOT_USE)
 
 
-def _how_to_declare(case: Case, name: str) -> str:
-    index = f"{MEDIA[name]:g}"
-    keys = f"outside_index: {index} under cover"
-    verb = "add" if case.next.takes_options else "write"
-    return f"{verb} {case.next.spell(f'--outside-index {index}', keys)}"
-
-
 def water_advice(case: Case) -> str:
     """Return what to write if the water outside has another index than declared; empty if the fit
     estimated it, if it is declared as exact, or if air is outside.
@@ -145,14 +139,9 @@ def water_advice(case: Case) -> str:
     stated = case.calibration.declared.cover.medium
     if not stated or stated.exact or stated.sigma or medium_word(stated.value) != WATER:
         return ""
-    value, sigma = f"{stated.value:g}", f"{ANY_WATER.sigma:g}"
-    tolerant = case.next.spell(
-        f"--outside-index {value}+-{sigma}",
-        f"outside_index: {{value: {value}, sigma: {sigma}}} under cover",
-    )
     return (
-        f" Or the water has another index than {value}, which was not fitted (the sea has 1.34):"
-        f" write {tolerant}."
+        f" Or the water has another index than {stated.value:g}, which was not fitted (the sea has"
+        f" 1.34): {case.next.name_medium(stated.value, ANY_WATER.sigma)}."
     )
 
 

@@ -25,6 +25,11 @@ HOLDOUT_NOTE = (
     "HOLDOUT is a folder of other pictures of this camera. If you have none, fit again with"
     " --folds 5: it leaves out a fifth of your pictures at a time, and tests the fit on them."
 )
+TESTED_NOTE = (
+    "HOLDOUT is a folder of other pictures of this camera. If you have none, leave this command"
+    " out: --folds has tested the fit already."
+)
+"""The same note after a fit that has tested itself on pictures that it left out."""
 HELD_OUT_FOLDER = "holdout"
 """The folder of a session with views that were kept back."""
 NEW_FILM = "FILM"
@@ -54,6 +59,10 @@ class NextCommands:
     """True if the pictures were taken under water: straight ones have wide black borders."""
     evaluated: bool = False
     """True if the calibration has been evaluated on `held_out`."""
+    in_form: bool = False
+    """True if sentences tell how to change the session in the form of `capture`, whose fields have
+    the keys of session.yaml.
+    """
 
     @staticmethod
     def of(
@@ -125,21 +134,47 @@ class NextCommands:
         except (InputError, OSError):
             return False
 
-    def spell(self, option: str, keys: str) -> str:
-        """Return the words that tell how to change the session: the option, or the keys of a
-        session.yaml that options do not change.
+    @property
+    def description(self) -> str:
+        """The words for the place where the session is described."""
+        return "the set-up" if self.in_form else "session.yaml"
+
+    @property
+    def diagnosis(self) -> str:
+        """The words for what finds effects: the command, or the key of `capture`."""
+        return "the diagnosis (key e)" if self.in_form else "calib diagnose"
+
+    def name_medium(self, index: float, sigma: float = 0.0) -> str:
+        """Return the words that tell how to declare the refractive index of the medium outside of
+        the cover.
+
+        Args:
+            sigma: its standard deviation; 0 for the usual one.
         """
-        return option if self.takes_options else f"{keys} in session.yaml"
+        key, value = "outside_index", f"{index:g}"
+        if self.in_form:
+            tolerance = f" ± {sigma:g}" if sigma else ""
+            return f"write {value}{tolerance} at {key} in the set-up"
+        if self.takes_options:
+            tolerance = f"+-{sigma:g}" if sigma else ""
+            return f"add --outside-index {value}{tolerance}"
+        with_tolerance = f"{{value: {value}, sigma: {sigma:g}}}" if sigma else value
+        return f"write {key}: {with_tolerance} under cover in session.yaml"
 
     @property
     def unknown_cover(self) -> str:
         """The words that tell how to have the shape of the cover estimated."""
-        command = self.fit("--cover", "unknown")
-        return self.spell(f"`{command}`", "cover: {shape: unknown}")
+        if self.in_form:
+            return "unknown at cover shape in the set-up"
+        if self.takes_options:
+            return f"`{self.fit('--cover', 'unknown')}`"
+        return "cover: {shape: unknown} in session.yaml"
 
     def name_cover(self, shapes: Iterable[str]) -> str:
         """Return the words that tell how to declare the cover's shape, one of these."""
         first, *others = shapes
+        if self.in_form:
+            return "choose it at cover shape in the set-up"
         if not self.takes_options:
             return "write cover.shape in session.yaml"
         commands = [self.fit("--cover", first), *(f"--cover {shape}" for shape in others)]

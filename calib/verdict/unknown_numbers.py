@@ -8,11 +8,14 @@ from calib.session.parameter_names import CAMERA
 from calib.session.shapes.layer import AIR, medium_word
 from calib.session.shapes.registry import find_shape
 from calib.verdict.case import Case
+from calib.verdict.uncertainty import reached_depths
 from calib.verdict.verdict import Reason
 
 
 def unknown_shape(case: Case) -> Iterator[Reason]:
-    """Name the shapes that are about as probable as the one that the fit chose."""
+    """Name the shapes that are about as probable as the one that the fit chose. The maps hold where
+    those of another shape differ by no more than their own largest standard deviation.
+    """
     chosen, *rivals = case.calibration.outcome.probable_shapes or ("",)
     if not rivals:
         yield from _unseen_cover(case)
@@ -21,12 +24,24 @@ def unknown_shape(case: Case) -> Iterator[Reason]:
     names = dict.fromkeys((chosen, *rivals, *changes))
     listed = " or ".join(find_shape(name).words for name in names)
     change = max(changes.values(), default=0.0)
-    maps = f" With another the maps change by up to {change:.2g} px." if changes else ""
+    sigmas = map_sigmas(case.calibration, reached_depths(case.calibration))
+    maps_hold = bool(changes) and change <= max(sigmas.values(), default=0.0)
+    within = ", no more than their sigma" if maps_hold else ""
+    maps = f" With another the maps change by up to {change:.2g} px{within}." if changes else ""
+    look = "If you need the numbers, look" if maps_hold else "Look"
     sentence = (
         f"your pictures fit {listed} about equally well. The fit assumed"
-        f" {find_shape(chosen).words}.{maps} Look at the cover, and {case.next.name_cover(names)}."
+        f" {find_shape(chosen).words}.{maps} {look} at the cover, and"
+        f" {case.next.name_cover(names)}."
     )
-    yield Reason(sentence, case.next.fit(), ("cover.shape",))
+    command = _use(case) if maps_hold else case.next.fit()
+    yield Reason(sentence, command, ("cover.shape",), maps_hold=maps_hold)
+
+
+def _use(case: Case) -> str:
+    """Return the command that uses the maps, which are as good as they say."""
+    uses = case.next.uses(case.main_depth, mapped=case.main_depth in case.depths)
+    return next(iter(uses), case.next.capture())
 
 
 def _unseen_cover(case: Case) -> Iterator[Reason]:
@@ -42,7 +57,7 @@ def _unseen_cover(case: Case) -> Iterator[Reason]:
     sentence = (
         f"these pictures do not show a cover: {listed} explains them as well, and the maps would"
         f" differ by {max(rivals.values()):.2g} px. If there is a cover, write its shape in"
-        " session.yaml, with its numbers."
+        f" {case.next.description}, with its numbers."
     )
     yield Reason(sentence, case.next.fit(), ("cover.shape",))
 
@@ -58,7 +73,7 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
         sentence = (
             f"these estimates are far outside of the usual range: {listed}. An unknown number can"
             " hide an error of another kind: measure one of these numbers, and write it in"
-            " session.yaml."
+            f" {case.next.description}."
         )
         yield Reason(sentence, case.next.fit(), tuple(number.name for number in unusual))
     numbers = [number for number in compared if number.is_open and not number.is_unusual]
@@ -78,9 +93,7 @@ def unknown_numbers(case: Case) -> Iterator[Reason]:
         f"your pictures do not determine {listed}: the sigma of the maps includes this. If you need"
         f" the number itself, {advice}."
     )
-    uses = case.next.uses(case.main_depth, mapped=case.main_depth in case.depths)
-    command = next(iter(uses), case.next.capture())  # the maps are as good as they say
-    yield Reason(sentence, command, tuple(number.name for number in numbers), maps_hold=True)
+    yield Reason(sentence, _use(case), tuple(number.name for number in numbers), maps_hold=True)
 
 
 def _is_centre_in_air(case: Case, numbers: Sequence[Comparison]) -> bool:

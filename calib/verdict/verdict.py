@@ -60,6 +60,8 @@ class Reason:
 
 NEXT = "Next"
 """The label of the next command."""
+REFIT = "calib fit "
+"""The beginning of a next command that fits again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +78,8 @@ class Verdict:
     """Sentences, without a capital, that change no grade, on effects that the views do not tell
     apart.
     """
+    is_tested: bool = False
+    """True if the fit was tested on views that it left out (`--folds`)."""
 
     @property
     def word(self) -> Trust:
@@ -104,11 +108,17 @@ class Verdict:
         return self._gravest.next if self._gravest else self.use
 
     @property
+    def to_correct(self) -> tuple[str, ...]:
+        """The suspects of the gravest reason, if the next step is to correct them and fit again."""
+        is_refit = self.next.startswith(REFIT)
+        return self._gravest.suspects if self._gravest and is_refit else ()
+
+    @property
     def next_label(self) -> str:
         """The words before the next command. A fit that is repeated unchanged gives the same, so
         the gravest reason, which says what to change, comes first.
         """
-        return f"{NEXT}, once that is done" if self.next.startswith("calib fit ") else NEXT
+        return f"{NEXT}, once that is done" if self.next.startswith(REFIT) else NEXT
 
     def labelled_commands(self, further: Sequence[str]) -> list[tuple[str, str]]:
         """Return the commands to type, in order, each with its label. The test of a trusted

@@ -15,6 +15,15 @@ from capture.tui.lens import ENOUGH_BARE_VIEWS, find_lens
 
 NOT_COMPUTED_YET = "The accuracy of the maps is not computed yet."
 AFTER_FIRST_VIEW = "The accuracy of the maps is computed after the first view."
+LENS_BY_FIT = (
+    "The lens of these pictures is not known yet. The fit finds it, and says how accurate the maps"
+    " are: press f."
+)
+LENS_FIRST = (
+    "The lens is being found from the views without the cover. How accurate the maps will be comes"
+    " after that."
+)
+COMPUTED = "How accurate the maps will be is being computed. That takes some seconds."
 Advice = tuple[Hint | None, SessionProgress]
 
 
@@ -65,6 +74,11 @@ class Adviser:
             self._guide, self.remark = self._plain, str(error)
             yield
 
+    @property
+    def awaited(self) -> str:
+        """The sentence on what is missing for the accuracy of the maps, and when it comes."""
+        return COMPUTED if self._guidance else find_awaited(self._task, self._camera)
+
     def close(self) -> None:
         self._closed = True
         self._lens.kill()
@@ -95,6 +109,15 @@ class Adviser:
         calibrated = f"{camera.width}x{camera.height}"
         size = f"{self._camera.width}x{self._camera.height}"
         return f"the known lens is for pictures of {calibrated} px, and these have {size}"
+
+
+def find_awaited(task: Task, camera: Camera) -> str:
+    """Return the sentence on what is missing for the accuracy of the maps before anything is
+    computed.
+    """
+    if camera.intrinsics is not None:
+        return COMPUTED
+    return LENS_FIRST if has_bare(task.session) else LENS_BY_FIT
 
 
 def _initial_remark(task: Task) -> str:

@@ -29,7 +29,7 @@ from capture.tui.downloads import Download, find_downloads
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import farewell_lines
 from capture.tui.fit import FitScreen
-from capture.tui.page import Page, ToneRequested
+from capture.tui.page import CorrectionRequested, Page, ToneRequested
 from capture.tui.page_driver import PageDriver
 from capture.tui.phone import PageRequest, Phone
 from capture.tui.results import ResultsScreen
@@ -136,6 +136,16 @@ class CaptureApp(App[None]):
     def _start_refit(self, message: ResultsScreen.RefitRequested) -> None:
         if self.screen is message.results:  # and no key has left it in the meantime
             self.switch_screen(FitScreen(message.results.session, message.results.result))
+
+    @on(CorrectionRequested)
+    def _correct(self, message: CorrectionRequested) -> None:
+        """Go back to the set-up, to the field that is to be corrected."""
+        set_up = next((page for page in self.screen_stack if isinstance(page, SetupScreen)), None)
+        if set_up is None or self.screen is not message.page:
+            return  # a key has left the page in the meantime
+        set_up.correct(message.field, message.sentence)
+        while self.screen is not set_up:
+            self.pop_screen()
 
     @on(ResultsScreen.ResultsOpened)
     def _remember_results(self, message: ResultsScreen.ResultsOpened) -> None:

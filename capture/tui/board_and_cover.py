@@ -11,6 +11,7 @@ from textual.widgets import Input, Select, Static
 from calib.session.coding import DICTIONARIES
 from calib.session.schema import UNKNOWN
 from calib.session.shapes.registry import find_shape, stated_shape_names
+from capture.tui.corrected_fields import label_of
 from capture.tui.form import BOARD, UNKNOWN_KEY, FormTexts
 from capture.tui.page import Field
 from capture.tui.row import NEEDED, Row
@@ -69,8 +70,8 @@ class BoardAndCover(Vertical):
         """The board's keys without a field, as session.yaml has them."""
         self._typed_cover: dict[str, str] = {}
         """What was typed for covers of any shape: a change of the shape keeps it."""
-        self._kind = _choice("board type", "kind", BOARD, EMPTY_FORM.kind)
-        self._shape = _choice("cover shape", "shape", stated_shape_names(), EMPTY_FORM.shape)
+        self._kind = _choice(label_of("kind"), "kind", BOARD, EMPTY_FORM.kind)
+        self._shape = _choice(label_of("shape"), "shape", stated_shape_names(), EMPTY_FORM.shape)
 
     def compose(self) -> ComposeResult:
         yield self._kind

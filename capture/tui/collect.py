@@ -43,7 +43,6 @@ from capture.tui.watching_page import WatchingPage
 RETRY_S = 3.0  # s, after which a failed camera is tried again
 TAKEN_S = 1.5  # s for which a kept view is announced, whatever comes next
 MORE_VIEWS_HELP = "More views would improve the result: name other pictures in the set-up."
-COMPUTED = "How accurate the maps will be is being computed."
 MORE_BARE_VIEWS_HELP = (
     "More views would improve the lens.",
     "Enough to go on. More views would improve the lens.",
@@ -351,7 +350,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
                 MORE_BARE_VIEWS_HELP[len(self.view_corners) >= ENOUGH_BARE_VIEWS]
                 if self.plan.bare
                 else find_missing(self.plan.session)
-                or (COMPUTED if progress is None or self.is_improving else MORE_VIEWS_HELP)
+                or (self.awaited if progress is None or self.is_improving else MORE_VIEWS_HELP)
             )
         line = self.query_one("#next", Line)
         line.set_class(is_enough, Trust.TRUSTED.value)

@@ -66,11 +66,15 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
     from calib.session.shapes.layer import medium_word
     from calib.verdict.judge import judge
     from calib.verdict.uncertainty import reached_depths
+    from capture.tui.corrected_fields import suspected_fields
 
-    verdict = judge(calibration, folder=saved.parent)
+    verdict = judge(calibration, folder=saved.parent, in_form=True)
     observations = calibration.observations
     path, values = calibration.model()
-    medium = calibration.declared.cover.medium
+    declared = calibration.declared
+    medium = declared.cover.medium
+    is_lens_declared = calibration.outcome.intrinsics_from in (None, "session.yaml")
+    has_lens = is_lens_declared and declared.intrinsics is not None
     outliers = describe_outlier_corners(calibration.outcome.outlier_corners)
     noisy_views = describe_noisy_views(calibration.outcome.view_noise)
     residual = residuals(path, values, observations, from_numpy(calibration.poses))
@@ -100,7 +104,11 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
         "views": sorted(views, key=lambda view: -float(str(view["rms_px"]))),
         "noisier": " ".join(filter(None, (outliers, noisy_views))),
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
-        "verdict": {"word": verdict.word.value, "sentences": verdict.sentences},
+        "verdict": {
+            "word": verdict.word.value,
+            "sentences": verdict.sentences,
+            "fields": suspected_fields(verdict.to_correct, declared.cover.shape, has_lens=has_lens),
+        },
         "notes": verdict.notes,
         "medium": medium_word(medium.value) if medium else "",
         "sigma_px": [

@@ -13,7 +13,7 @@ from textual import on, work
 from textual.message import Message
 
 from capture.coverage import Hint, KeptView, SessionProgress
-from capture.tui.adviser import Adviser
+from capture.tui.adviser import Adviser, find_awaited
 from capture.tui.camera import Task
 from capture.tui.page import Page
 
@@ -68,6 +68,13 @@ class GuidedPage(Page):
     def guide_remark(self) -> str:
         """The reason why the guide is not the best one; empty where it is."""
         return self._adviser.remark if self.MAPS and self._adviser else ""
+
+    @property
+    def awaited(self) -> str:
+        """The sentence on what is missing for the accuracy of the maps, and when it comes."""
+        if self._adviser:
+            return self._adviser.awaited
+        return find_awaited(self.plan, self.plan.setup[1])
 
     def request_advice(self) -> None:
         """Ask the guide about the present views."""

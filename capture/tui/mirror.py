@@ -58,6 +58,7 @@ MAIN_ACTIONS = [
     "results",
     "fit",
     "refit",
+    "correct",
     "report",
 ]
 """The main actions: a screen's main button is the first of these that it has."""

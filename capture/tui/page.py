@@ -88,6 +88,21 @@ class ToneRequested(Message):
         self.tone = tone
 
 
+class CorrectionRequested(Message):
+    """The person wants to correct a field of the set-up."""
+
+    def __init__(self, page: Screen[Any], field: str, sentence: str) -> None:
+        """
+        Args:
+            field: the name of the field.
+            sentence: what to correct, and how to go on.
+        """
+        super().__init__()
+        self.page = page
+        self.field = field
+        self.sentence = sentence
+
+
 class Page(Screen[bool]):
     """A step on the way from nothing to a calibration."""
 

@@ -37,7 +37,7 @@ from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import updated_folder
 from capture.tui.numbers import Numbers
-from capture.tui.page import HELP_AND_QUIT, Page
+from capture.tui.page import HELP_AND_QUIT, CorrectionRequested, Page
 from capture.tui.picture import Picture
 from capture.tui.results_text import ResultsText
 
@@ -73,6 +73,7 @@ class ResultsScreen(Page):
         Binding("f", "refit", "Fit"),
         Binding("e", "effects", "Diagnose"),
         Binding("c", "check", "Check"),
+        Binding("s", "correct", "Set-up"),
         Binding("r", "report", "Report"),
         Binding("x", "export", "Export"),
         # shown keys would make the line too long
@@ -212,6 +213,8 @@ class ResultsScreen(Page):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
+        if action in ("correct", "check"):  # who has something to correct has nothing to check yet
+            return bool(self._text.fields) == (action == "correct")
         if action != "take_back" or self._dropped or self._dropped_earlier:
             return True
         return None if self._on_phone else False  # None: off, in its place
@@ -440,6 +443,10 @@ class ResultsScreen(Page):
         self.post_message(
             self.CheckRequested(self.session, text.calibration, text.depth, text.boards)
         )
+
+    def action_correct(self) -> None:
+        text = self._text
+        self.post_message(CorrectionRequested(self, text.fields[0], text.correction))
 
     def action_effects(self) -> None:
         screen = EffectsScreen(self._text.calibration)

@@ -9,6 +9,7 @@ from calib.errors import harmless
 from calib.rounding import two_digits
 from calib.verdict.verdict import Trust
 from capture.tui.child import Event
+from capture.tui.corrected_fields import FIT_ANEW, in_form_words, list_labels
 from capture.tui.farewell import propose_depth, updated_folder
 
 BAR_COLUMNS = 12  # columns
@@ -54,6 +55,19 @@ class ResultsText:
     @property
     def is_forbidden(self) -> bool:
         return bool(self.result["verdict"]["word"] == Trust.DO_NOT_USE.value)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The names of the set-up's fields to correct before the next fit; empty if it is another
+        step that comes next.
+        """
+        return tuple(self.result["verdict"].get("fields", ()))
+
+    @property
+    def correction(self) -> str:
+        """The sentence about these fields for the set-up."""
+        sentence = in_form_words(self.result["verdict"]["sentences"][1])
+        return harmless(f"{sentence} {FIT_ANEW}")
 
     @property
     def headline(self) -> str:
@@ -146,10 +160,11 @@ class ResultsText:
             is_diagnosed = any(stage["name"] == DIAGNOSED_STAGE for stage in self.result["stages"])
             faults = "" if is_diagnosed or is_faultless else ", e to find faults"
             return f"Press r for the report, {exports}{faults}."
+        correct = f"s to correct {list_labels(self.fields)} in the set-up, " if self.fields else ""
         if self.is_forbidden:
-            return "Press r for the report, which says what to correct."
+            return f"Press {correct}r for the report, which says more."
         faults = "" if is_faultless else "e to find faults, "
-        return f"Press {faults}r for the report, {exports}."
+        return f"Press {correct}{faults}r for the report, {exports}."
 
     def view_line(self, view: Mapping[str, Any], *, is_dropped: bool) -> str:
         """Return the line of a view in the list."""

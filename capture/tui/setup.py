@@ -27,6 +27,7 @@ from capture.sources.registry import full_source, is_recorded_source, open_sourc
 from capture.tui.board_and_cover import EMPTY_FORM, BoardAndCover
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
+from capture.tui.corrected_fields import label_of
 from capture.tui.draft import Draft, load_draft, save_draft
 from capture.tui.farewell import calibration_folder
 from capture.tui.fit import FitScreen
@@ -54,7 +55,7 @@ class SetupScreen(Page):
     SetupScreen #state { text-style: bold; }
     SetupScreen #start { width: 30; margin: 1 0 0 19; }
     SetupScreen #hint { height: 2; padding: 0 1; color: $text-muted; }
-    SetupScreen #problem { height: 3; }
+    SetupScreen #problem { height: auto; min-height: 3; max-height: 6; }
     """
     BINDINGS: ClassVar = [
         Binding("ctrl+s", "start", "Start", key_display="^s", priority=True),
@@ -82,6 +83,10 @@ class SetupScreen(Page):
         """True if the person says that the cover is on now."""
         self._wrong_board = ""
         """The message about a source without such a board."""
+        self._correction: tuple[str, str] | None = None
+        """The name of the field that a result or a failed fit wants corrected, and the sentence
+        about it.
+        """
         self._accepted: set[tuple[str, str]] = set()
         """The warnings that were shown before a start: to start again is to accept them."""
         self._help_closed = False
@@ -99,7 +104,7 @@ class SetupScreen(Page):
         with VerticalScroll(can_focus=False):
             yield Static(id="state", markup=False)
             yield self._source
-            yield Row("like (optional)", self._like)
+            yield Row(label_of("like"), self._like)
             yield self._form
             yield Row("record now", self._phase)
             yield Button("Start", id="start", variant="primary", compact=True)
@@ -166,7 +171,10 @@ class SetupScreen(Page):
         state.update(harmless(describe_session(self.session)))
         self._phase.offer(count_pictures(self.session, bare=True))
         self._propose()
-        if self._wrong_board and not is_described:
+        if self._correction:
+            self._focus_correction(*self._correction)
+            self._correction = None
+        elif self._wrong_board and not is_described:
             self._focus_error(self._form.first, self._wrong_board)
             self._wrong_board = ""
         elif (
@@ -177,6 +185,16 @@ class SetupScreen(Page):
             self.query_one("#start").focus()
         else:
             source.focus().action_select_all()  # typed text replaces it
+
+    def correct(self, field: str, sentence: str) -> None:
+        """Show this sentence at a field once the screen is in front again."""
+        self._correction = field, sentence
+
+    def _focus_correction(self, name: str, sentence: str) -> None:
+        fields = self.query("Input, Select").results(Widget)
+        wanted = (field for field in fields if name in (field.name, field.id))
+        field = next((field for field in wanted if not field.disabled), self._source.field)
+        self._focus_error(field, sentence)
 
     async def _show_described(self) -> None:
         """Show the values of session.yaml, unless they are there, perhaps corrected meanwhile."""

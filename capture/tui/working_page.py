@@ -119,7 +119,7 @@ class WorkingPage(Page):
                 repeated = sentence == self._failure
                 advice = REPEATED_ADVICE if repeated else self.RETRY_ADVICE
                 self._failure = sentence
-                self.say(f"{sentence} {advice}")
+                self.show_failure(sentence, advice)
             case {"event": "result"} as result:
                 self._clear_child()
                 if self.app.screen is self:
@@ -163,6 +163,10 @@ class WorkingPage(Page):
         self.bars = bars
         self.query_one("#tasks", Static).update(above)
         self.query_one("#errors", Static).update(below)
+
+    def show_failure(self, sentence: str, advice: str) -> None:
+        """Show why the process failed, and what to do."""
+        self.say(f"{sentence} {advice}")
 
     def say(self, sentence: str) -> None:
         self.query_one("#sentence", Static).update(sentence)

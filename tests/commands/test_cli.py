@@ -17,7 +17,7 @@ from calib.commands.printing import print_json
 from calib.diagnosis.requested_effects import NAMES
 from calib.io.files import check_writable
 from calib.io.output_folder import LEDGER
-from calib.verdict.next_commands import HOLDOUT_NOTE
+from calib.verdict.next_commands import HOLDOUT_NOTE, TESTED_NOTE
 from fixtures.synthetic import scene
 from tests.session.malformed import MALFORMED, Malformed, write_good_session
 from tests.test_calibration import write_session
@@ -93,6 +93,18 @@ def test_the_last_lines_are_the_verdict_and_the_next_command(
     assert lines[-3].startswith("- ")
     assert lines[-2] == f"Next: {shlex.join(['calib', 'evaluate', str(out), 'HOLDOUT'])}"
     assert lines[-1] == HOLDOUT_NOTE
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_a_fit_that_has_tested_itself_proposes_no_other_folds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = Path(__file__).parents[2] / "fixtures" / "covered-bare"
+    options = ["--grid", "1x1", "--folds", "3", "-o", str(tmp_path)]
+    assert main(["fit", str(session), *options]) == 0
+    output = capsys.readouterr().out
+    assert "Tested by 3 more fits, each of which left out a different part of the views:" in output
+    assert output.splitlines()[-1] == TESTED_NOTE
 
 
 @pytest.mark.usefixtures("without_figures")

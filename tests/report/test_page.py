@@ -36,7 +36,7 @@ from calib.report.scripts import WEB
 from calib.report.setting_words import words_for
 from calib.report.summary import summarise
 from calib.verdict.judge import judge
-from calib.verdict.next_commands import HOLDOUT_NOTE
+from calib.verdict.next_commands import HOLDOUT_NOTE, TESTED_NOTE
 from calib.verdict.verdict import Reason, Trust, Verdict
 from fixtures.calibrated import with_outcome
 from tests.report.conftest import Reported
@@ -475,6 +475,9 @@ def test_the_test_comes_before_the_use_of_a_trusted_calibration() -> None:
     html = commands_html(Verdict((), use, further))
     assert html.count(HOLDOUT_NOTE) == 1
     assert html.index(test) < html.index(HOLDOUT_NOTE) < html.index(use)
+    tested = commands_html(Verdict((), use, further, is_tested=True))
+    assert TESTED_NOTE in tested
+    assert HOLDOUT_NOTE not in tested
     doubt = Reason("look.", search)
     lines = _lines(Verdict((doubt,), use, further))
     assert [search in lines[0], test in lines[1], use in lines[2]] == [True] * 3

@@ -8,6 +8,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from calib.apply.map_uncertainty import map_sigmas
 from calib.calibration import Calibration
 from calib.calibration_content import Declared, Stage
 from calib.corners.board_markers import PAST_LAST_ROW
@@ -37,8 +38,14 @@ from calib.verdict.medium import implausible_indices, medium
 from calib.verdict.principal_point import SENSOR_MODES, other_mode, principal_point
 from calib.verdict.residual import COVER_QUESTION, asks_for_cover, residual
 from calib.verdict.thresholds import BEYOND_NOISE, NO_BETTER, TAKEN_UP, WORSE_THAN_BARE
-from calib.verdict.uncertainty import too_few_views, uncertain_focal_length, uncertain_maps
+from calib.verdict.uncertainty import (
+    reached_depths,
+    too_few_views,
+    uncertain_focal_length,
+    uncertain_maps,
+)
 from calib.verdict.unevenness import unevenness
+from calib.verdict.unknown_numbers import unknown_shape
 from calib.verdict.unseen_row import extra_rows, unseen_row
 from calib.verdict.verdict import MAPS_HOLD, Reason, Trust, Verdict
 from fixtures.calibrated import CAMERA, tolerant, with_outcome
@@ -526,6 +533,23 @@ def test_the_indices_of_the_glass_and_of_what_is_outside(
     assert len(reasons) == bool(says)
     assert all(says in reason.sentence for reason in reasons)
     assert not asked(implausible_indices, declared(Number(glass, 0.05, unknown=True)))
+
+
+@pytest.mark.parametrize("change_px", [1e-6, 1.0, None])
+def test_maps_that_another_shape_hardly_changes_hold(
+    good: Calibration, change_px: float | None
+) -> None:
+    """A cone of which nobody knows whether it is a cylinder straightens all the same."""
+    changes = None if change_px is None else {"cylinder": change_px}
+    equal = with_outcome(
+        good, shape_log_odds={"cone": 0.0, "cylinder": -1.0}, shape_map_changes_px=changes
+    )
+    (reason,) = asked(unknown_shape, equal)
+    sigma = max(map_sigmas(equal, reached_depths(equal)).values())
+    assert 1e-6 < sigma < 1.0
+    assert reason.maps_hold == (change_px == 1e-6)
+    assert ("no more than their sigma" in reason.sentence) == reason.maps_hold
+    assert reason.next.startswith("calib fit") != reason.maps_hold
 
 
 @pytest.mark.slow

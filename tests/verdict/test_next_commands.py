@@ -1,5 +1,7 @@
 """The next commands can be typed as they are printed."""
 
+import ast
+import re
 import shlex
 from dataclasses import replace
 from pathlib import Path
@@ -198,6 +200,70 @@ def test_no_diagnosis_is_proposed_of_too_few_views(good: Calibration) -> None:
     assert NextCommands.of(good, None, None, ()).diagnosable
     nine = replace(good, views=good.views[:9])
     assert not NextCommands.of(nine, None, None, ()).diagnosable
+
+
+def test_the_form_of_the_screen_is_changed_by_its_own_labels(tmp_path: Path) -> None:
+    commands = NextCommands(tmp_path, tmp_path / "calibration", Settings(), in_form=True)
+    assert commands.description == "the set-up"
+    assert commands.name_medium(1.333) == "write 1.333 at outside_index in the set-up"
+    assert commands.name_medium(1.34, 0.004) == (
+        "write 1.34 ± 0.004 at outside_index in the set-up"
+    )
+    assert commands.unknown_cover == "unknown at cover shape in the set-up"
+    assert commands.name_cover(["cone", "flat"]) == "choose it at cover shape in the set-up"
+
+
+VERDICTS = sorted(Path(module.__file__).parent.glob("*.py"))
+SPELT_FOR_EACH = {
+    "next_commands.py": None,  # it spells them all
+    "scale_evidence.py": {"session.yaml"},  # a source of intrinsics
+    "picture_source.py": {"session.yaml"},  # a file's name
+    "declared_numbers.py": {
+        "leave --intrinsics out, and ",
+        "write intrinsics: unknown in session.yaml",
+    },
+}
+"""The texts that name the file or an option: where a form has none for it, and no sentences."""
+
+
+@pytest.mark.parametrize("file", VERDICTS, ids=lambda file: file.name)
+def test_sentences_name_the_file_and_options_only_where_there_is_no_form(file: Path) -> None:
+    """So that the screen's verdict is in the words of its form."""
+    allowed = SPELT_FOR_EACH.get(file.name, set())
+    if allowed is None:
+        return
+    tree = ast.parse(file.read_text())
+    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    texts = {
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and id(node) not in docstrings
+    }
+    mentions = {text for text in texts if "session.yaml" in text or re.search(r"\s--[a-z]", text)}
+    assert mentions <= allowed
+
+
+@pytest.mark.parametrize(
+    ("is_owned", "plain", "with_sigma"),
+    [
+        (
+            False,
+            "write outside_index: 1.333 under cover in session.yaml",
+            "write outside_index: {value: 1.34, sigma: 0.004} under cover in session.yaml",
+        ),
+        (True, "add --outside-index 1.333", "add --outside-index 1.34+-0.004"),
+    ],
+)
+def test_the_medium_is_named_for_options_and_for_a_file(
+    is_owned: bool, plain: str, with_sigma: str, tmp_path: Path
+) -> None:
+    commands = NextCommands(tmp_path, tmp_path / "calibration", Settings())
+    if is_owned:
+        OutputFolder(tmp_path).write("session.yaml", "format: 1\n")
+    assert commands.name_medium(1.333) == plain
+    assert commands.name_medium(1.34, 0.004) == with_sigma
 
 
 def test_options_change_the_medium_of_a_session_that_calib_described(tmp_path: Path) -> None:

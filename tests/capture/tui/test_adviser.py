@@ -1,11 +1,12 @@
 """The reason why the maps' accuracy is not computed, in words that say what is known."""
 
+import shutil
 from pathlib import Path
 
 import pytest
 
 from capture.session_file import read_setup
-from capture.tui.adviser import Adviser
+from capture.tui.adviser import COMPUTED, LENS_BY_FIT, LENS_FIRST, Adviser
 from capture.tui.camera import Task
 from tests.capture.tui.test_session import FIXTURE
 
@@ -32,6 +33,26 @@ def test_missing_lens_numbers_are_named_before_the_first_view(
     )
     assert len(list(adviser.improve([]))) == 1
     assert adviser.remark.endswith(sentence)
+    adviser.close()
+
+
+@pytest.mark.parametrize(
+    ("like", "has_bare", "sentence"),
+    [
+        ("covered-bare", False, LENS_BY_FIT),
+        ("covered-bare", True, LENS_FIRST),
+        ("clean", False, LENS_BY_FIT),  # its lens is for pictures of another size
+        ("tilted", False, COMPUTED),
+    ],
+)
+def test_what_the_accuracy_of_the_maps_waits_for_is_said(
+    tmp_path: Path, like: str, has_bare: bool, sentence: str
+) -> None:
+    if has_bare:
+        shutil.copytree(FIXTURE / "bare", tmp_path / "bare")
+    task = Task(tmp_path, "", read_setup(FIXTURE.parent / like / "session.yaml"), bare=False)
+    adviser = Adviser(task, (820, 616))
+    assert adviser.awaited == sentence
     adviser.close()
 
 

@@ -168,7 +168,7 @@ async def _forbidden(session: Path) -> None:
     restore(session)
     async with running(session) as pilot:
         pilot.app.push_screen(ResultsScreen(session, result))
-        await see(pilot, "Press r for the report, which says what to correct.")
+        await see(pilot, "Press r for the report, which says more.")
         assert buttons(pilot)[1:] == (["Export"], ["Report"]), "each in its place"
         await pilot.press("x")
         await see(pilot, "depths in metres")

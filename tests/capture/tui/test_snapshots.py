@@ -203,7 +203,9 @@ async def collect(pilot: Pilot[None], _: Path) -> None:
     await see(pilot, more_views)
     screen._improving = True
     screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
-    await see(pilot, "How accurate the maps will be is being computed.")
+    await see(
+        pilot, "The fit finds it, and says how accurate the maps are: press f."
+    )  # not that it is computed: the lens is not known
     screen.post_message(CollectScreen.GuideImproved(done=True))
     await see(pilot, more_views)  # the answer comes once it is there
     screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
