@@ -294,7 +294,7 @@ def _other_size(shown: ShownSize, board: Board, difference: str) -> OtherBoardEr
         "board.columns": (board.columns, shown.columns),
         "board.rows": (board.rows, shown.rows),
     }
-    keys = [f"{key}: {seen}" for key, (declared, seen) in sizes.items() if seen != declared]
+    keys = [f"{key}: {size}" for key, (declared, size) in sizes.items() if size != declared]
     verb = "show" if len(shown.pictures) > 1 else "shows"
     return OtherBoardError(
         f"{counted(len(shown.pictures), 'picture')} {verb} a board of"

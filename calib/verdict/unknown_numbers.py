@@ -26,12 +26,12 @@ def unknown_shape(case: Case) -> Iterator[Reason]:
     change = max(changes.values(), default=0.0)
     sigmas = map_sigmas(case.calibration, reached_depths(case.calibration))
     maps_hold = bool(changes) and change <= max(sigmas.values(), default=0.0)
-    within = ", no more than their sigma" if maps_hold else ""
-    maps = f" With another the maps change by up to {change:.2g} px{within}." if changes else ""
-    look = "If you need the numbers, look" if maps_hold else "Look"
+    comparison = ", no more than their sigma" if maps_hold else ""
+    maps = f" With another the maps change by up to {change:.2g} px{comparison}." if changes else ""
+    request = "If you need the numbers, look" if maps_hold else "Look"
     sentence = (
         f"your pictures fit {listed} about equally well. The fit assumed"
-        f" {find_shape(chosen).words}.{maps} {look} at the cover, and"
+        f" {find_shape(chosen).words}.{maps} {request} at the cover, and"
         f" {case.next.name_cover(names)}."
     )
     command = _use(case) if maps_hold else case.next.fit()
