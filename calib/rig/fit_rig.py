@@ -15,6 +15,7 @@ from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
+from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
 from calib.estimation.residuals import Residuals, residuals
@@ -41,6 +42,7 @@ from calib.rig.shared_cover import (
     share_cover,
     with_joined_relief,
 )
+from calib.rig.shared_medium import find_shared_media, with_shared_media
 from calib.session.session import Session
 from calib.threads import single_thread
 
@@ -270,13 +272,12 @@ def _initial_state(
 ) -> RigState:
     effects = _board_effects(calibrations)
     bend = _effect_values(calibrations)
+    media = find_shared_media(calibrations, description.covers)
+    models = {name: _model(calibration, effects) for name, calibration in calibrations.items()}
+    models = with_shared_media(models, calibrations, media)
     cameras = []
     for name, calibration in calibrations.items():
-        model = full_model(calibration)
-        camera_effects = tuple(e for e in model.effects if not _is_of_board(e))
-        model = full_model(replace(calibration, effects=())).with_effects(
-            (*camera_effects, *effects)
-        )
+        model = models[name]
         estimated = calibration.model()[1]
         values = {
             parameter: bend.get(parameter, estimated.get(parameter, mean))
@@ -308,12 +309,20 @@ def _initial_state(
             [camera.model for camera in cameras],
             description.reference,
             description.covers,
+            media,
         ),
         nominal=mountings,
         mountings=mountings,
         placements=start.placements,
         baseline=baseline,
     )
+
+
+def _model(calibration: Calibration, effects: Sequence[Effect]) -> CameraModel:
+    """Return the model of a camera with these effects of the board in place of its own."""
+    camera_effects = tuple(e for e in full_model(calibration).effects if not _is_of_board(e))
+    bare = full_model(replace(calibration, effects=()))
+    return bare.with_effects((*camera_effects, *effects))
 
 
 def _share_covers(
