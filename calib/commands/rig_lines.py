@@ -42,6 +42,7 @@ def rig_json(rig: Rig, seconds: float) -> dict[str, object]:
         "reference": rig.reference,
         "cameras": cameras,
         "baselines": [baseline.as_mapping() for baseline in rig.baselines],
+        "effects": [effect.as_mapping() for effect in rig.record.effects],
         "shared_media": [medium.as_mapping() for medium in shared_media(rig)],
         "placements": len(rig.placements),
         "placement_scatter": rig.record.scatter,
