@@ -78,7 +78,7 @@ def squares_of_right(state: RigState, index: int, size: float) -> float:
 
 
 @pytest.mark.parametrize(
-    ("left", "right", "expected"),
+    ("shutter", "right_shutter", "expected"),
     [
         (None, None, [("", 1.0), ("left", 1.0), ("right", 1.0)]),
         (GLOBAL, None, [("right", 1.0)]),
@@ -89,10 +89,13 @@ def squares_of_right(state: RigState, index: int, size: float) -> float:
     ids=["unknown", "one global", "both global", "stated", "one stated"],
 )
 def test_cameras_that_may_have_a_rolling_shutter_are_asked(
-    fitted: Rig, left: Shutter | None, right: Shutter | None, expected: list[tuple[str, float]]
+    fitted: Rig,
+    shutter: Shutter | None,
+    right_shutter: Shutter | None,
+    expected: list[tuple[str, float]],
 ) -> None:
     """Both cameras see the same motion, in parts that are their readouts."""
-    shutters = {"left": left, "right": right}
+    shutters = {"left": shutter, "right": right_shutter}
     calibrations = {
         name: replace(c, camera=replace(c.camera, shutter=shutters[name]))
         for name, c in fitted.calibrations.items()
@@ -148,7 +151,7 @@ def test_a_rolling_shutter_is_found_with_its_size(
     points, pixels = made.points(6, 200)
     pairs = np.arange(200).reshape(-1, 2)
     true_lengths = np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=-1)
-    still, _ = rig.distances(pixels, pairs, 0.0)
+    still_lengths, _ = rig.distances(pixels, pairs, 0.0)
     length, sigma = better.distances(pixels, pairs, 0.0)
-    assert rms(length - true_lengths) < 0.7 * rms(still - true_lengths)
+    assert rms(length - true_lengths) < 0.7 * rms(still_lengths - true_lengths)
     assert 0.3 < rms((length - true_lengths) / sigma) < 2
