@@ -14,7 +14,9 @@ kinds:
   standard deviations about and along each axis, from placement to placement;
 - slip: the same, and the right camera slips by 0.03 degrees and 0.3 mm after 12 placements;
 - sheet: the same, and the board bends anew in each placement, by 0.3 mm (standard deviation of each
-  term of degree 2, less for finer ones).
+  term of degree 2, less for finer ones);
+- readout: the board moves while the pictures of both cameras are read out, by 0.17 degrees and 0.5
+  mm (standard deviations about and along each axis); readout of one: of the right camera only.
 
 Error over sigma is the root mean square of the sizes' errors over their standard deviations; the
 baseline's error is that in mm, before and after.
@@ -38,7 +40,7 @@ from calib.rig.fit_rig import fit_rig
 from calib.rig.rig_finding import RigDiagnosis
 from calib.session.board import Board
 from fixtures.rig_bends import with_bends
-from fixtures.rig_motion import with_bursts, with_flex
+from fixtures.rig_motion import with_bursts, with_flex, with_readout
 from fixtures.rigs import SimulatedRig, join_pictures, simulate_rig, with_motion, with_pictures
 from fixtures.synthetic import FLAT_PLACE, WATER, glass
 
@@ -49,6 +51,10 @@ FLEX_SHIFT = 1e-4
 """m"""
 SLIP = np.array([0.0, 0.0, np.radians(0.03), 3e-4, 0.0, 0.0])
 BEND = 3e-4
+"""m"""
+READOUT_TURN = 3e-3
+"""rad"""
+READOUT_SHIFT = 5e-4
 """m"""
 PLACEMENTS = 30
 
@@ -91,6 +97,15 @@ def sheet(rng: Rng, rig: SimulatedRig) -> SimulatedRig:
     return with_bends(rng, still(rng, rig), BEND)
 
 
+def readout(rng: Rng, rig: SimulatedRig) -> SimulatedRig:
+    readouts = {"left": 1.0, "right": 1.0}
+    return with_readout(rng, still(rng, rig), readouts, READOUT_TURN, READOUT_SHIFT)
+
+
+def readout_of_one(rng: Rng, rig: SimulatedRig) -> SimulatedRig:
+    return with_readout(rng, still(rng, rig), {"right": 1.0}, READOUT_TURN, READOUT_SHIFT)
+
+
 @dataclass(frozen=True, slots=True)
 class Kind:
     """A kind of rig, and what a diagnosis should find."""
@@ -101,6 +116,10 @@ class Kind:
     """The numbers to find."""
 
 
+READOUT_NUMBERS = (
+    ("rolling_shutter.turn", READOUT_TURN),
+    ("rolling_shutter.shift", READOUT_SHIFT),
+)
 KINDS = {
     "late": Kind(late, "sync_offset", (("sync_offset.late", LATE_S),)),
     "in time": Kind(in_time),
@@ -109,6 +128,8 @@ KINDS = {
     "flex": Kind(flex, "rig_flex", (("rig_flex.turn", FLEX_TURN), ("rig_flex.shift", FLEX_SHIFT))),
     "slip": Kind(slip, "rig_slip", (("rig_slip.turn.z", -SLIP[2]), ("rig_slip.shift.x", -SLIP[3]))),
     "sheet": Kind(sheet, "board_flex", (("board_flex.xx", BEND), ("board_flex.yy", BEND))),
+    "readout": Kind(readout, "rolling_shutter", READOUT_NUMBERS),
+    "readout of one": Kind(readout_of_one, "rolling_shutter", READOUT_NUMBERS),
 }
 
 

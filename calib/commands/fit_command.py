@@ -6,11 +6,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_camera, add_depths, add_output, add_overwrite, effects
+from calib.commands.arguments import add_camera, add_depths, add_output, add_overwrite
 from calib.commands.described_session import COMMON as DESCRIPTIONS
 from calib.commands.described_session import add_description, has_description, session_of
 from calib.commands.effect_names import effect_names_help
-from calib.commands.fit_options import add_fit_options, settings_of
+from calib.commands.fit_options import (
+    AUTO,
+    add_effects,
+    add_fit_options,
+    effects_of,
+    settings_of,
+)
 from calib.commands.loading import fast_imports
 from calib.commands.printing import print_remark
 
@@ -55,15 +61,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_camera(camera)
     method = parser.add_argument_group("fit")
-    method.add_argument(
-        "--effects",
-        type=effects,
-        metavar="none|auto|NAME,...",
-        help=(
-            "causes of error to add to the model: auto finds those that held-out views confirm, as"
-            " calib diagnose does; NAME,... adds those listed below; none adds nothing, not even a"
-            " bend of the board (default: the board's bend, if the views show one)"
-        ),
+    add_effects(
+        method,
+        "causes of error to add to the model: auto finds those that held-out views confirm, as"
+        " calib diagnose does; NAME,... adds those listed below; none adds nothing, not even a bend"
+        " of the board (default: the board's bend, if the views show one)",
     )
     add_fit_options(method)
     parser.usage = "%(prog)s SESSION ... [options]"
@@ -72,7 +74,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     import time
-    from dataclasses import replace
 
     with fast_imports():
         from calib.apply.asked_depths import ReachedDepths, describe_depths
@@ -83,7 +84,6 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.printing import print_json, verdict_mapping
         from calib.commands.verdict_lines import print_verdict
         from calib.diagnosis.possible_effects import check_possible
-        from calib.effects.board_shape import BoardShape
         from calib.errors import InputError
         from calib.export.npz import npz_file_names, write_npz
         from calib.fitting.description import calibrated_numbers
@@ -99,11 +99,9 @@ def run(args: argparse.Namespace) -> None:
         described = session_of(args, bars)
     session = described.session
     output = args.output or check_no_link(session.path / "calibration")
-    effects = args.effects or ()
-    # Effects that are asked for are added to a fit with the board's bend, unless they include it.
-    flat = args.effects == () or BoardShape.name in effects
-    settings = replace(settings_of(args), flat_board=flat)
-    if effects != ("auto",):
+    effects = effects_of(args)
+    settings = settings_of(args)
+    if effects != AUTO:
         check_possible(session, settings, effects)
     with (
         _naming_description(session.path, described.earlier, written=has_description(args)),
@@ -114,7 +112,7 @@ def run(args: argparse.Namespace) -> None:
             calibration = fit(session, settings, bars)
             before = calibration
             finding = None
-            if effects == ("auto",):
+            if effects == AUTO:
                 from calib.diagnosis.diagnose import diagnose
 
                 calibration, finding = diagnose(calibration, bars)

@@ -3,10 +3,13 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import Options, folds, free, grid, steps
+from calib.commands.arguments import Options, effects, folds, free, grid, steps
 
 if TYPE_CHECKING:
     from calib.fit_record.request import Settings
+
+AUTO = ("auto",)
+"""The effects of `--effects auto`: those that a diagnosis finds."""
 
 
 def add_fit_options(parser: Options, *, default_folds: int = 0) -> None:
@@ -61,9 +64,37 @@ def add_fit_options(parser: Options, *, default_folds: int = 0) -> None:
     )
 
 
+def add_effects(parser: Options, help_text: str) -> None:
+    """Add `--effects`, which only some commands have."""
+    parser.add_argument("--effects", type=effects, metavar="none|auto|NAME,...", help=help_text)
+
+
+def effects_of(args: argparse.Namespace) -> tuple[str, ...]:
+    """Return the names of the effects to add; AUTO for a diagnosis."""
+    names: tuple[str, ...] = args.effects or ()
+    return names
+
+
 def settings_of(args: argparse.Namespace) -> "Settings":
     from calib.fit_record.request import Settings
 
     return Settings(
-        args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds
+        method=args.method,
+        grid=args.grid,
+        steps=args.steps,
+        exact_hit=not args.neglect_shift,
+        free=args.free,
+        folds=args.folds,
+        flat_board=_takes_flat_board(getattr(args, "effects", None)),
     )
+
+
+def _takes_flat_board(names: tuple[str, ...] | None) -> bool:
+    """Return True if the fit takes the board as flat: with no effect at all, or with a bend that is
+    requested and added later. Other effects are added to a fit with the board's bend.
+    """
+    if not names:
+        return names is not None
+    from calib.effects.board_shape import BoardShape
+
+    return BoardShape.name in names

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from calib.commands import rig_diagnosis
 from calib.commands.arguments import add_output, add_overwrite, finite_depth
-from calib.commands.fit_options import add_fit_options
+from calib.commands.effect_names import effect_names_help
+from calib.commands.fit_options import add_effects, add_fit_options
 from calib.commands.parser import Help
 
 if TYPE_CHECKING:
@@ -41,7 +42,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_rig(fit, "the rig.yaml, or its folder")
     add_output(fit, "folder for the results (default: RIG/calibration)", required=False)
     add_overwrite(fit)
+    add_effects(
+        fit,
+        "causes of error to add to the model: auto finds those that held-out placements confirm, as"
+        " calib rig diagnose does; NAME,... adds those listed below, to each camera that can have"
+        " them; none adds nothing, not even a bend of the board (default: the board's bend, if the"
+        " views show one)",
+    )
     add_fit_options(fit)
+    fit.epilog = effect_names_help()
     evaluate = _add_action(
         actions,
         "evaluate",
@@ -165,17 +174,19 @@ def run(args: argparse.Namespace) -> int | None:
 def _fit(args: argparse.Namespace) -> None:
     import time
 
-    from calib.commands.fit_options import settings_of
+    from calib.commands.fit_options import AUTO, effects_of, settings_of
     from calib.commands.loading import fast_imports
 
     with fast_imports():
         from calib.commands.console import Bars
         from calib.commands.printing import print_json, verdict_mapping
+        from calib.commands.rig_diagnosis_lines import print_rig_diagnosis
         from calib.commands.rig_lines import print_rig, rig_json
         from calib.commands.verdict_lines import print_verdict
         from calib.errors import InputError
         from calib.io.output_folder import check_no_link
         from calib.report.write import NAME
+        from calib.rig.diagnose_rig import diagnose_rig
         from calib.rig.fit_rig import fit_rig
         from calib.rig.judge import judge_rig
         from calib.rig.report import write_rig_report
@@ -198,7 +209,12 @@ def _fit(args: argparse.Namespace) -> None:
     with files:
         files.reserve([NAME])
         with Bars() as bars:
-            rig = fit_rig(description, settings_of(args), bars)
+            settings, effects = settings_of(args), effects_of(args)
+            diagnosis = None
+            if effects == AUTO:
+                rig, diagnosis = diagnose_rig(fit_rig(description, settings, bars), bars)
+            else:
+                rig = fit_rig(description, settings, bars, effects=effects)
         written = files.write(rig)
         verdict = judge_rig(rig, folder=output)
         try:
@@ -211,6 +227,8 @@ def _fit(args: argparse.Namespace) -> None:
         return
     if not args.quiet:
         print_rig(rig, seconds)
+        if diagnosis:
+            print_rig_diagnosis(diagnosis)
     print_verdict(verdict, written)
 
 

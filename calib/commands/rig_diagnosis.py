@@ -10,8 +10,8 @@ from calib.commands.loading import fast_imports
 
 SUMMARY = (
     "Find out why the cameras of a calibrated rig disagree: one exposes later, or a mounting flexes"
-    " or slipped; and whether the board bends differently in every placement. The causes that"
-    " held-out placements confirm are added to the rig."
+    " or slipped; and whether the board bends differently in every placement, or moves while a"
+    " picture is read out. The causes that held-out placements confirm are added to the rig."
 )
 
 

@@ -17,6 +17,7 @@ from calib.rig.feature_matches import FeatureMatches, PairAgreement
 from calib.rig.rectify import RectifiedPair
 from calib.rig.rig import Rig
 from calib.rig.rig_content import RejectedView
+from calib.rig.shared_medium import shared_media
 from calib.rounding import with_sigma
 
 MAX_LISTED = 3
@@ -41,6 +42,8 @@ def rig_json(rig: Rig, seconds: float) -> dict[str, object]:
         "reference": rig.reference,
         "cameras": cameras,
         "baselines": [baseline.as_mapping() for baseline in rig.baselines],
+        "effects": [effect.as_mapping() for effect in rig.record.effects],
+        "shared_media": [medium.as_mapping() for medium in shared_media(rig)],
         "placements": len(rig.placements),
         "placement_scatter": rig.record.scatter,
         "turned_boards": {name: list(views) for name, views in rig.record.turned.items()},
@@ -104,6 +107,8 @@ def print_rig(rig: Rig, seconds: float) -> None:
             f"{baseline.first} to {baseline.second}:"
             f" {with_sigma(1000 * baseline.metres, 1000 * baseline.sigma)} mm.",
         )
+    for medium in shared_media(rig):
+        _print(console, f"{medium}.")
     for name, views in rig.record.turned.items():
         listed = ", ".join(views[:MAX_LISTED]) + " ..." * (len(views) > MAX_LISTED)
         _print(

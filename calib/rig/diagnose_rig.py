@@ -34,7 +34,7 @@ from calib.rig.rig import Rig, RigCalibrationSource
 from calib.rig.rig_candidates import ACCEPTED, candidate_of, families_of
 from calib.rig.rig_content import FoundEffect, RigRecord
 from calib.rig.rig_context import RigContext, rig_context, times_of
-from calib.rig.rig_effects import BOARD_FLEX, RIG_SLIP
+from calib.rig.rig_effects import BOARD_FLEX, RIG_SLIP, ROLLING_SHUTTER
 from calib.rig.rig_finding import RigCandidate, RigDiagnosis, RigQuality
 from calib.rig.rig_motion_fit import JointNumbers, fit_with_motion, stepped
 from calib.rig.rig_result import rig_of, state_of
@@ -43,7 +43,7 @@ from calib.rig.rig_sentences import (
     describe_found,
     describe_lateness,
     describe_own,
-    describe_untested_motion,
+    is_undetermined,
     open_questions,
     parameters_of,
 )
@@ -127,7 +127,6 @@ def diagnose_rig(
         remarks=(
             *search.sentences,
             *_latenesses(search),
-            *_untested_motion(calibrated, search),
             *open_questions(search.context),
         ),
     )
@@ -142,7 +141,7 @@ def _round(rig: Rig, search: _Search, times: Array) -> tuple[_Search, bool]:
     """Add the most probable effect if held-out placements confirm it."""
     context = search.context
     noise_px = _noise(search.state)
-    fits = _fit_all(Evaluator(context), search.found)
+    fits = _fit_all(Evaluator(context), search)
     none, *fits_of_effects = fits
     if not fits_of_effects:
         return search, False
@@ -194,16 +193,20 @@ def _round(rig: Rig, search: _Search, times: Array) -> tuple[_Search, bool]:
     return replace(search, candidates=candidates), True
 
 
-def _fit_all(evaluator: Evaluator, effects: Sequence[FoundEffect]) -> tuple[FittedExplanation, ...]:
+def _fit_all(evaluator: Evaluator, search: _Search) -> tuple[FittedExplanation, ...]:
     """Return the fits of no cause and of all explanations but those that were found. Of the slips
     of each camera, and of the effects of cameras and the board, the most probable one stands for
-    all.
+    all. After a lateness of unknown size, no motion during a readout is asked: what the lateness
+    leaves is a motion of the board, too.
     """
-    keys = {(effect.effect, effect.camera, effect.varies) for effect in effects}
+    keys = {(effect.effect, effect.camera, effect.varies) for effect in search.found}
+    is_unknown_motion = any(map(is_undetermined, search.fits))
     fits = []
     slips: dict[str, list[RigExplanation]] = {}
     own_effects = []
     for explanation in explanations(evaluator.context):
+        if explanation.effect is ROLLING_SHUTTER and is_unknown_motion:
+            continue
         if explanation.effect is RIG_SLIP:
             slips.setdefault(explanation.camera, []).append(explanation)
         elif explanation.own_effect:
@@ -307,13 +310,6 @@ def _latenesses(search: _Search) -> list[str]:
         if fitted.explanation.is_late
         and (fitted.explanation.name, fitted.explanation.camera) not in names
     ]
-
-
-def _untested_motion(rig: Rig, search: _Search) -> list[str]:
-    """Return a sentence on a rolling shutter, if bends were found and a camera may have one."""
-    shutters = {name: c.camera.shutter for name, c in rig.calibrations.items()}
-    rolling = [name for name, shutter in shutters.items() if not shutter or shutter.rolling]
-    return [describe_untested_motion(rolling)] if search.bent and rolling else []
 
 
 def _key(explanation: RigExplanation) -> tuple[str, str, str]:

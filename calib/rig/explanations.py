@@ -29,6 +29,7 @@ from calib.rig.rig_effects import (
     FLEX_TURN,
     RIG_FLEX,
     RIG_SLIP,
+    ROLLING_SHUTTER,
     SYNC_OFFSET,
     RigEffect,
 )
@@ -42,11 +43,11 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RandomKind:
-    """Motions of one camera, or bends of the board, that each placement draws anew, by a few
+    """Motions of cameras or of the board, or bends of it, that each placement draws anew, by a few
     sizes.
     """
 
-    columns: slice
+    columns: slice | NDArray[np.int64]
     shapes: tuple[Array, ...]
     """For each size, the (P, k, k) covariance of the motions for a size of 1."""
     ranges: tuple[Range, ...]
@@ -86,6 +87,11 @@ class RigExplanation:
         """True for a bend of the board in each placement."""
         return self.effect is BOARD_FLEX
 
+    @property
+    def subject(self) -> str:
+        """The end of "an effect of ..."."""
+        return self.camera or ("all cameras" if self.effect is ROLLING_SHUTTER else "the board")
+
 
 def explanations(context: RigContext) -> Iterator[RigExplanation]:
     """Yield every explanation that is possible, no cause first."""
@@ -114,6 +120,7 @@ def explanations(context: RigContext) -> Iterator[RigExplanation]:
         )
     if context.board_flex:
         yield _board_flex(context)
+    yield from _rolling_shutters(context)
     yield from _own(context)
     for name in context.mounted:
         columns = context.of_camera(name)
@@ -132,6 +139,31 @@ def _board_flex(context: RigContext) -> RigExplanation:
     shape = np.tile(np.diag(context.bend_sigmas**2), (context.count, 1, 1))
     kind = RandomKind(context.products.bends, (shape,), ((BLOCK_SCALES[0], BLOCK_SCALES[-1]),))
     return RigExplanation(BOARD_FLEX, varies=EACH_VIEW, random=kind)
+
+
+def _rolling_shutters(context: RigContext) -> Iterator[RigExplanation]:
+    """Yield a motion of the board during the readout: of all cameras that may have a rolling
+    shutter, which see the same motion, and of each of them.
+    """
+    names = tuple(context.readouts)
+    groups = [names] if len(names) > 1 else []
+    groups += [(name,) for name in names]
+    for group in groups:
+        readouts = np.array([context.readouts[name] for name in group])
+        ratios = readouts / readouts.max()
+        motions = _turns_and_shifts(
+            slice(0, 6), context.count, tolerances.BOARD_SPIN.sigma, tolerances.BOARD_MOVE.sigma
+        )
+        alike = np.outer(ratios, ratios)
+        kind = RandomKind(
+            context.of_readouts(group),
+            tuple(np.asarray(np.kron(alike, shape)) for shape in motions.shapes),
+            motions.ranges,
+        )
+        camera = group[0] if len(group) == 1 else ""
+        yield RigExplanation(
+            ROLLING_SHUTTER, camera, varies=EACH_VIEW, rivals=len(groups), random=kind
+        )
 
 
 def _own(context: RigContext) -> Iterator[RigExplanation]:

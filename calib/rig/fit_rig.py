@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.corners.view import View
-from calib.effects.board_scale import BoardScale
-from calib.effects.board_shape import BoardShape
 from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
+from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.prior_conflict import CONFLICT_THRESHOLD
 from calib.estimation.residuals import Residuals, residuals
@@ -22,6 +21,7 @@ from calib.estimation.robust import outlier_mask
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.inference.calibration_model import full_model
+from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
 from calib.progress import Progress, Silent, check_progress
 from calib.rig.clock_shift import describe_clock_shift
@@ -31,6 +31,12 @@ from calib.rig.layout import RigLayout
 from calib.rig.mounting_start import RigStart, start_rig, turn_view
 from calib.rig.placements import Placements
 from calib.rig.problem import BaselinePrior
+from calib.rig.requested_effects import (
+    is_of_board,
+    requested_by_camera,
+    richer,
+    with_requested_effects,
+)
 from calib.rig.rig import Rig
 from calib.rig.rig_content import INCONSISTENT, OUTLYING, RejectedView, RigRecord
 from calib.rig.rig_file import RigDescription, RigSource, read_rig
@@ -41,6 +47,7 @@ from calib.rig.shared_cover import (
     share_cover,
     with_joined_relief,
 )
+from calib.rig.shared_medium import find_shared_media, with_shared_media
 from calib.session.session import Session
 from calib.threads import single_thread
 
@@ -48,16 +55,24 @@ LINEARISATIONS = 8
 """Length of the progress bar: a joint estimate takes about as many."""
 
 
-def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress = Silent()) -> Rig:
+def fit_rig(
+    rig: RigSource,
+    settings: Settings = Settings(),
+    progress: Progress = Silent(),
+    *,
+    effects: Sequence[str] = (),
+) -> Rig:
     """Calibrate the cameras of a rig together.
 
     Args:
         rig: the rig, or the path of its rig.yaml or folder.
         settings: the options of each camera's fit.
         progress: the progress bars.
+        effects: the names of effects to add without a held-out test
+            (`calib.rig.requested_effects`).
 
     Raises:
-        InputError: a file is missing, wrong or damaged.
+        InputError: a file is missing, wrong or damaged, or an effect is not possible.
         NotEnoughDataError: too few views show the board, or the cameras share too few of them.
     """
     check_progress(progress)
@@ -68,9 +83,13 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
         else session
         for name, session in description.sessions.items()
     }
-    calibrations = {
-        name: _fit_camera(name, session, settings, progress) for name, session in sessions.items()
-    }
+    requested = requested_by_camera(sessions, description.covers, settings, effects)
+
+    def fit_camera(name: str, views: Sequence[View] | None = None) -> Calibration:
+        calibration = _fit_camera(name, sessions[name], settings, progress, views)
+        return with_requested_effects(name, calibration, requested[name], progress)
+
+    calibrations = {name: fit_camera(name) for name in sessions}
     rejected = [
         RejectedView(name, view.name, view.reason)
         for name, calibration in calibrations.items()
@@ -94,7 +113,7 @@ def fit_rig(rig: RigSource, settings: Settings = Settings(), progress: Progress 
         views[name] = tuple(v for v, use in zip(views[name], usable, strict=True) if use)
     changed = [name for name in calibrations if name in turned or start.inconsistent[name].any()]
     for name in changed:
-        calibrations[name] = _fit_camera(name, sessions[name], settings, progress, views[name])
+        calibrations[name] = fit_camera(name, views[name])
     if changed:
         with single_thread():
             start, placements = _start(description, calibrations)
@@ -134,7 +153,7 @@ def _fit_camera(
     session: Session,
     settings: Settings,
     progress: Progress,
-    views: Sequence[View] | None = None,
+    views: Sequence[View] | None,
 ) -> Calibration:
     """Return the calibration of one camera by itself."""
     try:
@@ -270,13 +289,12 @@ def _initial_state(
 ) -> RigState:
     effects = _board_effects(calibrations)
     bend = _effect_values(calibrations)
+    media = find_shared_media(calibrations, description.covers)
+    models = {name: _model(calibration, effects) for name, calibration in calibrations.items()}
+    models = with_shared_media(models, calibrations, media)
     cameras = []
     for name, calibration in calibrations.items():
-        model = full_model(calibration)
-        camera_effects = tuple(e for e in model.effects if not _is_of_board(e))
-        model = full_model(replace(calibration, effects=())).with_effects(
-            (*camera_effects, *effects)
-        )
+        model = models[name]
         estimated = calibration.model()[1]
         values = {
             parameter: bend.get(parameter, estimated.get(parameter, mean))
@@ -308,12 +326,20 @@ def _initial_state(
             [camera.model for camera in cameras],
             description.reference,
             description.covers,
+            media,
         ),
         nominal=mountings,
         mountings=mountings,
-        placements=start.placements,
+        placements=with_blocks(start.placements, cameras[0].model.path.view_blocks),
         baseline=baseline,
     )
+
+
+def _model(calibration: Calibration, effects: Sequence[Effect]) -> CameraModel:
+    """Return the model of a camera with these effects of the board in place of its own."""
+    camera_effects = tuple(e for e in full_model(calibration).effects if not is_of_board(e))
+    bare = full_model(replace(calibration, effects=()))
+    return bare.with_effects((*camera_effects, *effects))
 
 
 def _share_covers(
@@ -345,22 +371,17 @@ def _share_covers(
     return list(shared.values())
 
 
-def _is_of_board(effect: Effect) -> bool:
-    return isinstance(effect, BoardShape | BoardScale)
-
-
 def _board_effects(calibrations: Mapping[str, Calibration]) -> tuple[Effect, ...]:
-    """Return the board's shape and print that the cameras' own fits found, each in its form with
-    the most numbers: all cameras see the same board.
+    """Return the effects of the board that the cameras' own fits have, each in its form with the
+    most numbers: all cameras see the same board.
     """
     richest: dict[str, Effect] = {}
     for calibration in calibrations.values():
         for added in calibration.effects:
             effect = added.effect
-            if not _is_of_board(effect):
+            if not is_of_board(effect):
                 continue
-            count = len(effect.effect_parameters)
-            if effect.name not in richest or count > len(richest[effect.name].effect_parameters):
+            if effect.name not in richest or richer(effect, richest[effect.name]):
                 richest[effect.name] = effect
     return tuple(richest.values())
 
@@ -370,7 +391,7 @@ def _effect_values(calibrations: Mapping[str, Calibration]) -> Values:
     values: dict[str, torch.Tensor] = {}
     for calibration in calibrations.values():
         for added in calibration.effects:
-            if _is_of_board(added.effect):
+            if is_of_board(added.effect):
                 for name, (value, _) in added.parameters.items():
                     values.setdefault(name, torch.from_numpy(value))
     return values

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 class RandomMotion:
     """Motions of a camera, or bends of the board, that each placement draws anew."""
 
-    columns: slice
+    columns: slice | NDArray[np.int64]
     """Their columns in the products."""
     root: Array
     """(P, k, k) L with L L^T their covariance in each placement."""
@@ -39,10 +39,13 @@ def realign(
     columns of all motions move by as many.
     """
     further = _first_motion(new) - _first_motion(old)
-    return tuple(
-        replace(m, columns=slice(m.columns.start + further, m.columns.stop + further))
-        for m in motions
-    )
+    return tuple(replace(m, columns=_moved(m.columns, further)) for m in motions)
+
+
+def _moved(columns: slice | NDArray[np.int64], further: int) -> slice | NDArray[np.int64]:
+    if isinstance(columns, slice):
+        return slice(columns.start + further, columns.stop + further)
+    return columns + further
 
 
 def _first_motion(products: MotionProducts) -> int:

@@ -33,6 +33,10 @@ MOTIONS = 12
 """A motion of the camera, then one of the board that it sees: a rotation (rad) and a translation
 (m) each. That of the camera is a motion of everything outside, in the camera's frame.
 """
+READOUT = 6
+"""A motion of the board during the readout of a camera's picture, from its first line to its last:
+a rotation (rad) and a translation (m), as those of the board that the camera sees.
+"""
 PLACEMENTS_AT_ONCE = 8
 """The number of placements whose rows are in memory together."""
 SMOOTH = 2.0
@@ -49,8 +53,9 @@ Array = NDArray[np.float64]
 class MotionProducts:
     """The inner products of each placement's columns, in standard deviations of the corners: those
     of the placement (E: its pose, and its bend if the fit has one), of the rig's numbers (S), of
-    the motions of each camera (12 each), of a bend of the board that the fit lacks, those of
-    effects of single cameras and of the board, and the residual.
+    the motions of each camera (12 each), of the motions of the board during its readout (6 each),
+    of a bend of the board that the fit lacks, those of effects of single cameras and of the board,
+    and the residual.
     """
 
     products: Array
@@ -82,6 +87,10 @@ class MotionProducts:
     """
     corners: Mapping[str, NDArray[np.int64]]
     """For each camera, the (P,) corners that it sees."""
+    readouts: Mapping[str, slice] = field(default_factory=dict)
+    """The columns of the motions during the readout of each camera; 0 for corners without an
+    exposure.
+    """
     without_placements: Array = field(init=False, repr=False)
     """(P, n, n) the products with the placements integrated out: zeros in their columns."""
     total: Array = field(init=False, repr=False)
@@ -107,7 +116,7 @@ class MotionProducts:
         vector = wide.vector()
         order = _ColumnOrder.of(wider, len(vector))
         _check_size(order.count, len(state.placements))
-        halves, imitations = _summed(wide, order.motions, order.count)
+        halves, imitations = _summed(wide, order)
         halves = halves[:, :, order.columns[:, None], order.columns]
         problem = wide.problem()
         blocks = state.placements[:, : order.fitted].numpy()
@@ -129,14 +138,12 @@ class MotionProducts:
                 replace(effect, entries=order.places[order.block + effect.entries])
                 for effect in wider.effects
             ),
-            motions={
-                name: slice(*(order.places[[place.start, place.stop - 1]] + [0, 1]))
-                for name, place in order.motions.items()
-            },
+            motions={name: order.moved(place) for name, place in order.motions.items()},
             vector=vector.numpy()[base],
             precision=precision[np.ix_(base, base)],
             imitations=imitations,
             corners={camera.name: _corner_counts(camera, state) for camera in state.cameras},
+            readouts={name: order.moved(place) for name, place in order.readouts.items()},
         )
 
     def without_own_effects(self) -> MotionProducts:
@@ -166,6 +173,8 @@ class _ColumnOrder:
     """E, those of the numbers that the fit has."""
     motions: Mapping[str, slice]
     """The motions of each camera among the columns of the rows."""
+    readouts: Mapping[str, slice]
+    """Those of the board during its readout."""
     columns: NDArray[np.int64]
     """(n,) the columns of the rows in the order of the products."""
 
@@ -180,12 +189,22 @@ class _ColumnOrder:
             camera.name: slice(first + MOTIONS * index, first + MOTIONS * (index + 1))
             for index, camera in enumerate(state.cameras)
         }
+        start = first + MOTIONS * len(motions)
+        readouts = {
+            camera.name: slice(start + READOUT * index, start + READOUT * (index + 1))
+            for index, camera in enumerate(state.cameras)
+        }
         moving = np.arange(first, block + length)
         named = np.r_[np.arange(fitted), block + base, moving, np.arange(fitted, block)]
         residual = block + length
         further = np.setdiff1d(np.arange(residual), named)
         return _ColumnOrder(
-            residual + 1, block, fitted, motions, np.r_[named, further, residual].astype(np.int64)
+            count=residual + 1,
+            block=block,
+            fitted=fitted,
+            motions=motions,
+            readouts=readouts,
+            columns=np.r_[named, further, residual].astype(np.int64),
         )
 
     @property
@@ -196,22 +215,24 @@ class _ColumnOrder:
     @property
     def bends(self) -> slice:
         """The place of the bends that the fit lacks: behind the last motion."""
-        last = max(int(self.places[place.stop - 1]) for place in self.motions.values())
-        return slice(last + 1, last + 1 + self.block - self.fitted)
+        first = max(self.moved(place).stop for place in self.readouts.values())
+        return slice(first, first + self.block - self.fitted)
+
+    def moved(self, columns: slice) -> slice:
+        """Return the place of consecutive columns of the rows in the products."""
+        first = int(self.places[columns.start])
+        return slice(first, first + columns.stop - columns.start)
 
 
-def _summed(
-    wide: RigState, motions: Mapping[str, slice], columns: int
-) -> tuple[Array, dict[str, Array]]:
+def _summed(wide: RigState, order: _ColumnOrder) -> tuple[Array, dict[str, Array]]:
     """Return the (2, P, n, n) products of every other corner of each placement, and the imitations
     of `MotionProducts`.
 
     Args:
         wide: the state with the motions of each camera.
-        motions: their columns.
-        columns: n.
+        order: the columns of the rows.
     """
-    vector, count = wide.vector(), len(wide.placements)
+    vector, count, columns = wide.vector(), len(wide.placements), order.count
     limit = _robust_limit(wide, vector)
     halves = np.zeros((2, count, columns, columns))
     imitations = {camera.name: np.zeros((2, count, 6, 6)) for camera in wide.cameras}
@@ -219,13 +240,18 @@ def _summed(
         chunk = wide.select_placements(range(first, first + PLACEMENTS_AT_ONCE))
         problem = with_limit(chunk.problem(), limit)
         for camera, numbers in zip(chunk.cameras, problem.cameras, strict=True):
-            moved = range(motions[camera.name].stop - 6, motions[camera.name].stop)
+            motions, readout = order.motions[camera.name], order.readouts[camera.name]
+            moved = range(motions.stop - 6, motions.stop)
+            lines = _lines(camera)
             for view, rows in enumerate(_rows(numbers, vector, chunk.placements)):
                 place = first + int(camera.placement[view])
+                is_in_view = camera.observations.view == view
+                lines_of_view = lines[is_in_view].numpy()[:, None, None]
+                rows[..., readout] = lines_of_view * rows[..., moved]
                 for half in (0, 1):
                     chosen = rows[half::2].reshape(-1, columns)
                     halves[half, place] += chosen.T @ chosen
-                points = camera.observations.corners[camera.observations.view == view]
+                points = camera.observations.corners[is_in_view]
                 slopes = rows[..., moved].reshape(-1, 6) * camera.sigma
                 imitations[camera.name][:, place] += _imitations(slopes, points.numpy())
     return halves, imitations
@@ -242,6 +268,14 @@ def _with_prior(products: Array, blocks: Array, precision: Array) -> Array:
     products[:, -1, places] += pull
     products[:, -1, -1] += (pull * blocks).sum(1)
     return products
+
+
+def _lines(camera: CameraState) -> Tensor:
+    """Return the (M,) times of all corners within the readout of their picture, from -0.5 to 0.5; 0
+    where it is not known.
+    """
+    exposure = camera.observations.exposure
+    return exposure.line if exposure else torch.zeros(len(camera.observations.pixels))
 
 
 def _corner_counts(camera: CameraState, state: RigState) -> NDArray[np.int64]:
@@ -286,13 +320,15 @@ def motion_terms(camera: CameraState, state: RigState, index: int, first: int) -
 
 
 def _with_motions(state: RigState) -> RigState:
-    """Return the state with the motions of each camera as further numbers, all zero."""
+    """Return the state with the motions of each camera, and those of the board during its readout,
+    as further numbers, all zero. The latter have no terms: a pose is that of a whole picture.
+    """
     cameras = []
     count = len(state.numbers)
     for index, camera in enumerate(state.cameras):
         terms = motion_terms(camera, state, index, count + MOTIONS * index)
         cameras.append(replace(camera, terms=terms.joined(camera.terms)))
-    further = MOTIONS * len(cameras)
+    further = (MOTIONS + READOUT) * len(cameras)
     return replace(
         state,
         cameras=tuple(cameras),

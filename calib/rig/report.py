@@ -21,6 +21,7 @@ from calib.report.scene import session_in_space, surface_meshes, ways
 from calib.report.scripts import RIG, Scripts
 from calib.report.write import NAME, page_data
 from calib.rig.rig import Rig
+from calib.rig.shared_medium import shared_media
 from calib.rounding import with_sigma
 from calib.table import html_table
 from calib.threads import single_thread
@@ -33,7 +34,8 @@ def write_rig_report(rig: Rig, verdict: Verdict, output: FileSet) -> Path:
         evidence = {name: gather_evidence(c) for name, c in rig.calibrations.items()}
         reference = evidence[rig.reference]
         scene = rig_in_space(rig, evidence)
-    cameras = _cameras_html(rig) + _baselines_html(rig) + _effects_html(rig)
+    tables = _cameras_html(rig) + _baselines_html(rig)
+    cameras = tables + _media_html(rig) + _effects_html(rig)
     sections = [
         PageSection("rig", "The cameras", cameras),
         PageSection(scene.name, scene.title, scene.html()),
@@ -143,6 +145,11 @@ def _baselines_html(rig: Rig) -> str:
         for baseline in rig.baselines
     ]
     return html_table(("pinhole to pinhole", ""), rows) if rows else ""
+
+
+def _media_html(rig: Rig) -> str:
+    """Return a sentence on each medium that cameras share."""
+    return "".join(f"<p>{escape(str(medium))}.</p>" for medium in shared_media(rig))
 
 
 def _effects_html(rig: Rig) -> str:

@@ -38,7 +38,7 @@ def families_of(
     for fitted, chance in zip(fits_of_effects, chances.tolist(), strict=True):
         if chance > MIN_MEMBER_PROBABILITY:
             explanation = fitted.explanation
-            name = f"{explanation.name} of {explanation.camera or 'the board'}"
+            name = f"{explanation.name} of {explanation.subject}"
             members[name] = members.get(name, 0.0) + chance
     if len(members) < 2:
         return ()

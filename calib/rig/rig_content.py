@@ -166,6 +166,10 @@ class RigContent:
     """For each camera, the (V,) placement of each view of its calibration."""
     covers: Mapping[str, str] = field(default_factory=dict)
     """The first camera behind the same cover, by the name of each further camera behind it."""
+    media: Mapping[str, str] = field(default_factory=dict)
+    """The first camera in the same medium, by the name of each further one: their covers have one
+    index outside. Cameras behind another camera's cover are not listed.
+    """
     record: RigRecord = field(default_factory=RigRecord)
     refracal: str = VERSION
     """The version of Refracal that made it."""

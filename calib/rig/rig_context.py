@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -45,6 +46,10 @@ class RigContext:
     board_flex: BoardFlex | None = None
     """The effect whose bends the products have; None if the fit has it, or if the board is stiff.
     """
+    readouts: Mapping[str, float] = field(default_factory=dict)
+    """The duration of the readout of each camera that may have a rolling shutter, over the longest
+    one; 1 for all if any is not known.
+    """
     bend_sigmas: Array = field(default_factory=lambda: np.zeros(0))
     """(k,) m, the largest plausible standard deviations of these bends."""
 
@@ -65,6 +70,10 @@ class RigContext:
         """Return the columns of the motion of the board that a camera sees."""
         stop = self.products.motions[name].stop
         return slice(stop - 6, stop)
+
+    def of_readouts(self, names: Iterable[str]) -> NDArray[np.int64]:
+        """Return the columns of the motion of the board during the readout of some cameras."""
+        return np.concatenate([np.r_[self.products.readouts[name]] for name in names])
 
     def discrepancy(self, sizes: Array) -> tuple[RandomMotion, ...]:
         """Return the disagreement without a cause, of (2,) sizes in px: of errors of the corners
@@ -119,8 +128,23 @@ def rig_context(
         motion=motion,
         accepted=accepted,
         board_flex=wider.board_flex,
+        readouts=_readouts(rig, state),
         bend_sigmas=_bend_sigmas(wider),
     )
+
+
+def _readouts(rig: Rig, state: RigState) -> dict[str, float]:
+    """Return the readouts of `RigContext`."""
+    rolling: list[str] = []
+    seconds: list[float] = []
+    for camera in state.cameras:
+        shutter = rig.calibrations[camera.name].camera.shutter
+        if camera.observations.exposure and (not shutter or shutter.rolling):
+            rolling.append(camera.name)
+            seconds.append((shutter and shutter.readout) or math.nan)
+    if np.isnan(seconds).any():
+        return dict.fromkeys(rolling, 1.0)
+    return {name: s / max(seconds) for name, s in zip(rolling, seconds, strict=True)}
 
 
 def _bend_sigmas(wider: WideState) -> Array:

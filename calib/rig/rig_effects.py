@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calib.effects.board_flex import BoardFlex
+from calib.effects.rolling_shutter import RollingShutter
 from calib.rig.moved_cameras import SHIFT_SPREAD, TURN_SPREAD
 from calib.session import tolerances
 
@@ -48,6 +49,14 @@ RIG_SLIP = RigEffect(
     "A camera slipped in its mounting at one moment of the recording.",
     "tighten the mounting, and record again without touching it",
 )
+ROLLING_SHUTTER = RigEffect(
+    RollingShutter.name,
+    RollingShutter.description,
+    "hold the board still, or on a tripod, for some placements",
+)
+"""The effect of single cameras that needs numbers in every placement: of one camera, or of all that
+may have a rolling shutter, which see the same motion of the board.
+"""
 RIG_EFFECTS = (SYNC_OFFSET, RIG_FLEX, RIG_SLIP)
 """Every effect that rigs alone have, in the order in which reports list them."""
 BOARD_FLEX = RigEffect(

@@ -126,7 +126,7 @@ class RigGeometry:
 def rig_geometry(rig: RigContent) -> RigGeometry:
     """Return the cameras of a rig as triangulation takes them, with the roots of its covariance."""
     models = rig_models(rig.calibrations, rig.reference, rig.covers, rig.mountings)
-    layout = RigLayout.of(rig.names, models, rig.reference, rig.covers)
+    layout = RigLayout.of(rig.names, models, rig.reference, rig.covers, rig.media)
     cameras = tuple(
         PlacedCamera(
             model.path,

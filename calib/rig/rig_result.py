@@ -24,6 +24,7 @@ from calib.rig.rig import Rig
 from calib.rig.rig_content import RigRecord
 from calib.rig.rig_geometry import rig_models
 from calib.rig.shared_cover import cover_in_camera, relief_in_camera, share_cover
+from calib.rig.shared_medium import with_shared_media
 
 
 def rig_of(
@@ -82,6 +83,7 @@ def rig_of(
         placement_names=tuple(names),
         of_views={camera.name: camera.placement.numpy() for camera in state.cameras},
         covers=covers,
+        media=state.layout.media,
         record=record,
     )
 
@@ -90,6 +92,7 @@ def state_of(rig: Rig) -> RigState:
     """Return the optimum of the estimate that made a rig, with the priors of its cameras."""
     optima = rig_models(rig.calibrations, rig.reference, rig.covers, rig.mountings)
     models = {name: full_model(calibration) for name, calibration in rig.calibrations.items()}
+    models = with_shared_media(models, rig.calibrations, rig.media)
     mountings = torch.from_numpy(rig.mountings)
     placed = dict(zip(rig.names, mountings, strict=True))
     for name, first in rig.covers.items():
@@ -116,7 +119,7 @@ def state_of(rig: Rig) -> RigState:
         baseline = BaselinePrior(second, rig.record.baseline.value, rig.record.baseline.sigma)
     return RigState(
         cameras=tuple(cameras),
-        layout=RigLayout.of(rig.names, list(models.values()), rig.reference, rig.covers),
+        layout=RigLayout.of(rig.names, list(models.values()), rig.reference, rig.covers, rig.media),
         nominal=mountings,
         mountings=mountings,
         placements=torch.from_numpy(rig.placement_numbers),

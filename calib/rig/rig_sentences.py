@@ -19,7 +19,14 @@ from calib.rig.explanation_fit import FittedExplanation
 from calib.rig.moved_cameras import KINDS
 from calib.rig.rig_content import FoundEffect
 from calib.rig.rig_context import RigContext
-from calib.rig.rig_effects import BOARD_FLEX, LATENESS, RIG_FLEX, RIG_SLIP, SYNC_OFFSET
+from calib.rig.rig_effects import (
+    BOARD_FLEX,
+    LATENESS,
+    RIG_FLEX,
+    RIG_SLIP,
+    ROLLING_SHUTTER,
+    SYNC_OFFSET,
+)
 from calib.rounding import with_sigma
 from calib.session.tolerances import BOARD_FLEX as BOARD_BEND
 
@@ -144,6 +151,11 @@ def describe_found(effect: FoundEffect, fitted: FittedExplanation, partner: str)
             "the board bends differently in every placement, by"
             f" {1e3 * length:.2g} mm (root mean square over placements and terms)"
         )
+    if effect.effect == ROLLING_SHUTTER.name:
+        return (
+            f"the board moves while a picture of {fitted.explanation.subject} is read out, by"
+            f" {_sizes(effect)} about and along each axis"
+        )
     if effect.effect == RIG_FLEX.name:
         return (
             f"the mounting of {camera} against {partners} differs from placement to placement, by"
@@ -163,19 +175,6 @@ def open_questions(context: RigContext) -> Iterator[str]:
             f"Whether the mounting of {' and '.join(missing)} flexes or slipped is not asked: a"
             " camera behind a shared cover does not tell its motion from that of the cover."
         )
-
-
-def describe_untested_motion(cameras: Sequence[str]) -> str:
-    """Return a sentence on what else may look like a board that bends.
-
-    Args:
-        cameras: those whose sessions do not state a global shutter.
-    """
-    return (
-        "A board that moves while a picture is read out (rolling_shutter) looks much like one that"
-        " bends, and a rig's fit has no numbers for it. calib diagnose of the folder of"
-        f" {cameras[0]} compares the two."
-    )
 
 
 def describe_own(fitted: FittedExplanation, camera: str) -> str:

@@ -160,6 +160,7 @@ def rig_mapping(rig: RigContent) -> dict[str, object]:
         "arrays_sha256": sha256(rig_arrays(rig)).hexdigest(),
         "reference": rig.reference,
         "shared_cover": dict(rig.covers),
+        "shared_medium": dict(rig.media),
         "cameras": cameras,
         "baselines": [baseline.as_mapping() for baseline in geometry.baselines],
         "placements": len(rig.placements),
@@ -215,8 +216,9 @@ def _from_mapping(
     if mountings.shape != (len(calibrations), 6):
         raise ValueError("mountings is not of these cameras")
     covers = {str(name): str(first) for name, first in document["shared_cover"].items()}
+    media = {str(name): str(first) for name, first in document.get("shared_medium", {}).items()}
     models = rig_models(calibrations, document["reference"], covers, mountings)
-    layout = RigLayout.of(tuple(calibrations), models, document["reference"], covers)
+    layout = RigLayout.of(tuple(calibrations), models, document["reference"], covers, media)
     covariance = arrays["covariance"].astype(np.float64)
     if covariance.size and covariance.shape != (layout.count, layout.count):
         raise ValueError(f"covariance is not of {layout.count} numbers")
@@ -229,6 +231,7 @@ def _from_mapping(
         placement_names=tuple(map(str, arrays["placement_names"])),
         of_views=of_views,
         covers=covers,
+        media=media,
         record=RigRecord(
             source=str(document["source"]),
             outcome=str(document["outcome"]),

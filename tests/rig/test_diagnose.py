@@ -22,7 +22,7 @@ from calib.rig.motion_evidence import FixedEstimate
 from calib.rig.poses import move_points
 from calib.rig.rig import Rig
 from calib.rig.rig_content import FoundEffect
-from calib.rig.rig_effects import BOARD_FLEX, RIG_EFFECTS, SYNC_OFFSET
+from calib.rig.rig_effects import BOARD_FLEX, RIG_EFFECTS, ROLLING_SHUTTER, SYNC_OFFSET
 from calib.rig.rig_sentences import describe_found, describe_lateness, parameters_of
 from fixtures.rig_motion import with_bursts, with_flex
 from fixtures.rigs import SimulatedRig, join_pictures, simulate_rig, with_motion, with_pictures
@@ -84,7 +84,7 @@ def test_nothing_is_found_in_a_rig_without_effects(fitted: Rig) -> None:
     assert diagnosis.accepted == ()
     assert better is fitted
     assert {candidate.effect for candidate in diagnosis.candidates} == {
-        effect.name for effect in (*RIG_EFFECTS, BOARD_FLEX)
+        effect.name for effect in (*RIG_EFFECTS, BOARD_FLEX, ROLLING_SHUTTER)
     }
     assert all(candidate.verdict == "no more than chance" for candidate in diagnosis.candidates)
     # Single pictures of unknown motion cannot tell a constant lateness.
