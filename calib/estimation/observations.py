@@ -1,6 +1,6 @@
 """The detected corners of all views as tensors, a row for each corner."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,11 @@ from torch import Tensor
 from calib.corners.view import View
 from calib.optics.exposure import Exposure
 from calib.session.board import Board
+
+BATCH_SIZE = 8192
+"""The number of corners whose rays are in memory together: 0.1 GB with their derivatives by 16x16
+centres.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +131,26 @@ class Observations:
             exposure=self.exposure and self.exposure[rows],
             whitening=None if self.whitening is None else self.whitening[rows],
         )
+
+    def batches(self, size: int = BATCH_SIZE) -> Iterator["Observations"]:
+        """Yield consecutive rows, about `size` at a time, for what is computed row by row. Each
+        batch has all views; most have no row in it.
+        """
+        count = len(self.pixels)
+        if count <= size:
+            yield self
+            return
+        for first in range(0, count, size):
+            rows = slice(first, first + size)
+            yield Observations(
+                names=self.names,
+                pixels=self.pixels[rows],
+                corners=self.corners[rows],
+                weight=self.weight[rows],
+                starts=(self.starts - first).clamp(0, min(size, count - first)),
+                exposure=self.exposure and self.exposure[rows],
+                whitening=None if self.whitening is None else self.whitening[rows],
+            )
 
     @property
     def view(self) -> Tensor:

@@ -48,6 +48,14 @@ class Residuals:
 
 def residuals(path: Path, values: Values, observations: Observations, poses: Tensor) -> Residuals:
     """Return the residuals of all corners, with the boards at (V, 6) poses."""
+    parts = [_residuals(path, values, batch, poses) for batch in observations.batches()]
+    return Residuals(
+        torch.cat([part.image for part in parts]), torch.cat([part.board for part in parts])
+    )
+
+
+def _residuals(path: Path, values: Values, observations: Observations, poses: Tensor) -> Residuals:
+    """Return the residuals of few corners."""
     row_poses = poses[observations.view]
     exposure = observations.exposure
     offset, failure = path.land_beside(
@@ -65,14 +73,11 @@ def residuals(path: Path, values: Values, observations: Observations, poses: Ten
 
 def reach_board(path: Path, values: Values, observations: Observations, poses: Tensor) -> Tensor:
     """Return (M,) true where a corner's ray reaches the board, with boards at (V, B) poses."""
-    failure = path.land_beside(
-        observations.corners,
-        observations.pixels,
-        values,
-        poses[observations.view],
-        observations.exposure,
-    )[1]
-    return failure == 0
+    failures = [
+        path.land_beside(batch.corners, batch.pixels, values, poses[batch.view], batch.exposure)[1]
+        for batch in observations.batches()
+    ]
+    return torch.cat(failures) == 0
 
 
 def _rms(errors: Tensor) -> float:
