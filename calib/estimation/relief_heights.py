@@ -20,7 +20,10 @@ def height_spread(path: Path, values: Values, observations: Observations) -> flo
     outer = path.cover[-1:]
     if not outer or not path.relief:
         return 0.0
-    rays = path.trace(observations.pixels, values, observations.exposure)
-    _, values = path.adjust_pixels(observations.pixels, values, observations.exposure)
-    heights = outer[0].relief_height(outer[0].frame.at(values).enter(rays.origin), values)
-    return float(np.std(heights.numpy()[rays.failure.numpy() == 0]))
+    heights = []
+    for batch in observations.batches():
+        rays = path.trace(batch.pixels, values, batch.exposure)
+        _, adjusted = path.adjust_pixels(batch.pixels, values, batch.exposure)
+        points = outer[0].frame.at(adjusted).enter(rays.origin)
+        heights.append(outer[0].relief_height(points, adjusted).numpy()[rays.failure.numpy() == 0])
+    return float(np.std(np.concatenate(heights)))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.estimation.observations import Observations
+from calib.optics.board_target import Placement
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.projection import project
@@ -56,17 +57,16 @@ def residuals(path: Path, values: Values, observations: Observations, poses: Ten
 
 def _residuals(path: Path, values: Values, observations: Observations, poses: Tensor) -> Residuals:
     """Return the residuals of few corners."""
-    row_poses = poses[observations.view]
     exposure = observations.exposure
-    offset, failure = path.land_beside(
-        observations.corners, observations.pixels, values, row_poses, exposure
-    )
+    boards = Placement.of(poses)[observations.view].at_exposure(exposure)
+    values_of_rows = path.values_of_views(values, poses[observations.view])
+    rays = path.trace(observations.pixels, values_of_rows, exposure)
+    corners, planes = path.planes(observations.corners, boards)
+    landed, failure = path.target(rays, planes, values)
+    offset = landed - corners
     board = torch.where((failure != 0).unsqueeze(-1), torch.full_like(offset, torch.nan), offset)
-    values_of_rows = path.values_of_views(values, row_poses)
-    rays = None
-    if path.target.glass:
-        rays = path.trace(observations.pixels, values_of_rows, exposure)
-    points = path.place(observations.corners, values, row_poses, exposure, rays)
+    through = rays if path.target.glass else None
+    points = path.target.place(observations.corners, boards, values, through)
     projected = project(path, values_of_rows, points, exposure, start=observations.pixels)
     return Residuals(projected - observations.pixels, board)
 

@@ -9,6 +9,7 @@ from operator import gt, lt
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from calib.calibration import Calibration
 from calib.calibration_content import AddedEffect, Stage
@@ -89,6 +90,7 @@ def count_views(
     board: Board,
     camera: Camera,
     loose: Sequence[str] = (),
+    image: Tensor | None = None,
 ) -> tuple[JointFit, Uncertainty]:
     """Return the fit with a covariance that counts views and corners of the board, and how it
     counts them. Where views scatter, it has the shift by numbers that seem to differ from view to
@@ -96,8 +98,11 @@ def count_views(
 
     Args:
         loose: the names of the numbers with wide priors, of which the profile is asked as well.
+        image: (M, 2) px, the reprojection errors, if they are known.
     """
     fitted = FittedModel(model, observations, joint)
+    if joint.finite:
+        fitted = fitted.averaged(image)
     prints = possible_prints(fitted, board)
     views = [view.reduce() for view in fitted.equations(prints)] if joint.finite else []
     scatter = ViewScatter.of(fitted, labels, views)
@@ -124,7 +129,7 @@ def count_views(
         context = effect_context(fitted, board, camera, locate=False)
         shifts = possible_shifts(fitted, context)
         wide = replace(wide, covariance=wide.covariance + torch.from_numpy(shifts))
-    wide, variances = widen_valleys(model, observations, joint, wide, of_cover)
+    wide, variances = widen_valleys(model, fitted.observations, joint, wide, of_cover)
     if not joint.finite:
         return wide, uncertainty
     limits = _limits_by_priors(joint)

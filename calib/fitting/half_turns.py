@@ -89,7 +89,8 @@ def _turned_back(
     as_they_are = _at_optimum(fitted, views, setup)
     if not (as_they_are and settings.estimates_bend):
         return None
-    turned = _most_probable_turns(as_they_are, setup)
+    asked = as_they_are.averaged(fitted.residuals.image)
+    turned = _most_probable_turns(asked, setup)
     if not turned.any():
         return None
     renumbered, refitted = _renumbered(views, turned, setup, settings, progress)

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.corners.view import View
-from calib.estimation.joint_fit import JointFit
+from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.prior_conflict import PRIOR_INFLATION, contradicts_prior
 from calib.estimation.stated_priors import widen_prior
 from calib.fit_record.request import EVEN_GRID, Settings
 from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.inference.fitted_model import FittedModel
 from calib.progress import Progress
 from calib.session.cover import AUTO
 from calib.session.numbers import camera_numbers
@@ -72,27 +73,64 @@ def find_other_lens(
     if not (uneven.relief and uneven.joint and is_chosen and is_stated):
         return None
     observations = Observations.of(views, setup.board)
+    asked, on_averages = _on_averages(uneven, observations)
+    if on_averages is not uneven:
+        wider = _widened(setup, names)
+        if not _competes(
+            _even_fit(wider, asked, settings, uneven, progress), on_averages, setup, names
+        ):
+            return None
     while True:
         wider = _widened(setup, names)
-        even_fit = fit_stages(
-            wider,
-            observations,
-            replace(settings, grid=EVEN_GRID),
-            progress,
-            decided=uneven,
-            purpose="another lens",
-        )
-        if not even_fit.joint:
-            return None
-        log_odds = even_fit.joint.log_evidence - uneven.joint.log_evidence
-        differing = _differing(even_fit.joint, setup, names)
-        if not (differing and _is_possible(even_fit.joint, setup, differing)):
-            return None
-        if log_odds < -MIN_LOG_ODDS or not even_fit.leaves_noise(views, setup.board):
+        even_fit = _even_fit(wider, observations, settings, uneven, progress)
+        differing = _competes(even_fit, uneven, setup, names)
+        if not (differing and even_fit.joint and even_fit.leaves_noise(views, setup.board)):
             return None
         if differing == names:
+            log_odds = even_fit.joint.log_evidence - uneven.joint.log_evidence
             return OtherLens(even_fit, wider, names, log_odds)
         names = differing
+
+
+def _on_averages(uneven: Fitted, observations: Observations) -> tuple[Observations, Fitted]:
+    """Return averages of the corners, if they are very many, with the fit of uneven glass to them;
+    otherwise the corners and the fit as they are.
+    """
+    assert uneven.model
+    assert uneven.joint
+    fitted = FittedModel(uneven.model, observations, uneven.joint)
+    asked = fitted.averaged(uneven.residuals.image).observations
+    if asked is observations:
+        return observations, uneven
+    joint = uneven.model.fit(asked, uneven.poses, uneven.joint.start, ROUNDS)
+    return asked, replace(uneven, joint=joint)
+
+
+def _even_fit(
+    wider: Setup, observations: Observations, settings: Settings, uneven: Fitted, progress: Progress
+) -> Fitted:
+    """Return the fit of even glass with the board's bend of the fit of uneven glass."""
+    return fit_stages(
+        wider,
+        observations,
+        replace(settings, grid=EVEN_GRID),
+        progress,
+        decided=uneven,
+        purpose="another lens",
+    )
+
+
+def _competes(even: Fitted, uneven: Fitted, setup: Setup, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the numbers whose estimates contradict the setup; none where even glass
+    is far less probable than uneven glass, or the lens is not possible.
+    """
+    if not (even.joint and uneven.joint):
+        return ()
+    differing = _differing(even.joint, setup, names)
+    if not (differing and _is_possible(even.joint, setup, differing)):
+        return ()
+    log_odds = even.joint.log_evidence - uneven.joint.log_evidence
+    return differing if log_odds >= -MIN_LOG_ODDS else ()
 
 
 def _widened(setup: Setup, names: Sequence[str]) -> Setup:

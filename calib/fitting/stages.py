@@ -20,6 +20,7 @@ from calib.effects.board_shape import DEGREES, BoardShape
 from calib.effects.effect import Effect
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.corner_cells import average_corners, is_large, spread_part
 from calib.estimation.gradient_fit import descend
 from calib.estimation.joint_fit import FIRST_SIGMA, GOOD_GLASS, ROUNDS, JointFit, Start
 from calib.estimation.noise import corner_noise
@@ -188,8 +189,8 @@ def fit_stages(
     if is_bare:
         model = job.model(path, means)
         start = earlier.joint.start if earlier and earlier.joint else job.initial(values)
-        joint = model.fit(observations, earlier.poses if earlier else poses, start, ROUNDS)
-        return job.finish(model, joint)
+        joint = job.part.fit(model, earlier.poses if earlier else poses, start)
+        return job.finish(model, job.complete(model, joint))
     path, means = covered_path(setup.intrinsics, setup.cover)
     values = setup.initial_values(means)
     poses = refine_poses(path, values, observations, poses).blocks
@@ -289,6 +290,20 @@ class _Job:
         effects = self.decided.effects if self.decided else ()
         return CameraModel(path, values, priors).with_effects(effects)
 
+    @property
+    def part(self) -> _Job:
+        """The same with a part of the corners, if they are very many: what it finds is the start of
+        `complete`.
+        """
+        part = spread_part(self.observations)
+        return self if part is self.observations else replace(self, observations=part)
+
+    def complete(self, model: CameraModel, joint: JointFit) -> JointFit:
+        """Return the fit to all corners that starts at the fit to a part of them."""
+        if not is_large(self.observations) or not joint.finite:
+            return joint
+        return self.fit(model, joint.poses, joint.start, ROUNDS[1:])
+
     def log_odds_of_texture(self, model: CameraModel, joint: JointFit) -> tuple[float, Smoothness]:
         """Return `uneven_log_odds` of the fit of a model without a relief."""
         relief = _relief(self, model.path, joint.values)
@@ -343,11 +358,22 @@ class _Job:
         turned: tuple[str, ...] = ()
         if self.decides_bend:
             board = self.setup.board
-            is_turned = find_turned(model, self.observations, joint, board)
+            asked = average_corners(
+                model.path,
+                joint.values,
+                self.observations,
+                joint.poses,
+                joint.sigma,
+                residual.image,
+            ).observations
+            flat_joint = joint
+            if asked is not self.observations and joint.finite:
+                flat_joint = model.fit(asked, joint.poses, joint.start, ROUNDS)
+            is_turned = find_turned(model, asked, flat_joint, board)
             turned = tuple(compress(self.observations.names, is_turned))
-            model, decided = estimate_board(model, self.observations, joint, board, self.labels)
-            if decided is not joint:
-                joint = decided
+            model, decided = estimate_board(model, asked, flat_joint, board, self.labels)
+            if decided is not flat_joint:
+                joint = self.complete(model, decided)
                 residual = residuals(model.path, joint.values, self.observations, joint.poses)
         if model.effects:
             stages = (*stages, _stage(EFFECTS_STAGE, residual))
@@ -377,27 +403,35 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
     is_known = job.setup.cover.glass is not None
     if was_uneven or is_known:
         return _fit_uneven(job, even, poses, earlier, start)
-    smooth = job.fit(even, poses, start)
+    part = job.part
+    smooth = part.fit(even, poses, start)
     if job.surface == EVEN or not smooth.finite:
-        return job.finish(even, smooth)
-    log_odds, texture = job.log_odds_of_texture(even, smooth)
+        return job.finish(even, job.complete(even, smooth))
+    log_odds, texture = part.log_odds_of_texture(even, smooth)
     # With every number held, nothing but the glass could make up for their errors.
-    if job.surface == AUTO_SURFACE and even.priors.sigmas and log_odds < MIN_LOG_ODDS:
+    is_asked = job.surface == AUTO_SURFACE and bool(even.priors.sigmas)
+    if is_asked and part is not job and log_odds < MIN_LOG_ODDS:
+        part, smooth = job, job.complete(even, smooth)
+        log_odds, texture = job.log_odds_of_texture(even, smooth)
+    if is_asked and log_odds < MIN_LOG_ODDS:
         return job.finish(even, smooth)
     if not job.is_possible(even, smooth):
         # Even glass has no bumps, and its numbers went elsewhere to imitate them.
         return _fit_uneven(job, even, poses, None, start)
     start = replace(smooth.start, smoothness=texture)
-    bent = _fit_bent(job, even, smooth, log_odds) if job.decides_bend else None
+    bent = _fit_bent(part, even, smooth, log_odds) if job.decides_bend else None
     if not (bent and bent.model and bent.joint):
         return _fit_uneven(job, even, smooth.poses, None, start)
-    log_odds, texture = job.log_odds_of_texture(bent.model, bent.joint)
+    log_odds, texture = part.log_odds_of_texture(bent.model, bent.joint)
     if job.surface == AUTO_SURFACE and log_odds < MIN_LOG_ODDS:
-        return bent
+        if part is job:
+            return bent
+        joint = job.complete(bent.model, bent.joint)
+        return replace(replace(job, decided=bent).finish(bent.model, joint), turned=bent.turned)
     # A relief of a flat board is fitted roughly, for the error that the bend removes.
     flat = _with_relief(job, even, _relief(job, even.path, job.setup.initial_values(even.means)))
-    rough = job.fit(flat, smooth.poses, start, ROUNDS[:1])
-    residual = residuals(flat.path, rough.values, job.observations, rough.poses)
+    rough = part.fit(flat, smooth.poses, start, ROUNDS[:1])
+    residual = residuals(flat.path, rough.values, part.observations, rough.poses)
     stages = (*job.stages, _stage(COVER_STAGE, residual), bent.stages[-1])
     job = replace(job, decided=replace(bent, stages=stages))
     start = replace(bent.joint.start, smoothness=texture)
@@ -436,10 +470,12 @@ def _fit_uneven(
     start = start or Start(even.means, FIRST_SIGMA, GOOD_GLASS)
     if earlier and earlier.relief:
         model = _with_relief(job, even, earlier.relief)
-        return job.finish(model, job.fit(model, poses, start), earlier.relief)
+        joint = job.complete(model, job.part.fit(model, poses, start))
+        return job.finish(model, joint, earlier.relief)
     relief = _relief(job, even.path, job.setup.initial_values(even.means))
     model = _with_relief(job, even, relief)
-    joint = job.fit(model, poses, start, ROUNDS[:1])
+    part = job.part
+    joint = part.fit(model, poses, start, ROUNDS[:1])
     for is_last in (False, True):
         start = joint.start
         if not _matches(job, relief, even.path, joint.values):
@@ -450,8 +486,8 @@ def _fit_uneven(
             start = replace(start, values={**start.values, **flat})
         elif is_last:
             break
-        joint = job.fit(model, joint.poses, start)
-    return job.finish(model, joint, relief)
+        joint = part.fit(model, joint.poses, start)
+    return job.finish(model, job.complete(model, joint), relief)
 
 
 def _with_relief(job: _Job, even: CameraModel, relief: Relief) -> CameraModel:

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.corner_cells import average_corners
 from calib.estimation.joint_fit import Estimate, JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
@@ -36,6 +37,26 @@ class FittedModel:
     model: CameraModel
     observations: Observations
     joint: Estimate
+    averaged_squares: float = 0.0
+    """The squares of errors, over the noise variance, that averages of corners do not have."""
+
+    def averaged(self, image: Tensor | None = None) -> FittedModel:
+        """Return the same fit with averages of neighbouring corners, of a session with very many
+        (`average_corners`): for questions, which sum over corners whatever is smooth over a board.
+
+        Args:
+            image: (M, 2) px, the reprojection errors, if they are known.
+        """
+        averages = average_corners(
+            self.model.path,
+            self.joint.values,
+            self.observations,
+            self.joint.poses,
+            self.joint.sigma,
+            image,
+        )
+        squares = self.averaged_squares + averages.squares
+        return FittedModel(self.model, averages.observations, self.joint, squares)
 
     @property
     def deviation(self) -> Array:
@@ -51,7 +72,7 @@ class FittedModel:
             for name, value in model.neutral_values(effect).items()
         }
         joint = replace(self.joint, values={**self.joint.values, **neutral})
-        return FittedModel(model, self.observations, joint)
+        return FittedModel(model, self.observations, joint, self.averaged_squares)
 
     def parameters(self, effects: Sequence[Effect] = ()) -> Parameters:
         """Return the fitted parameters at the optimum, followed by those of further effects at

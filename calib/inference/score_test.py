@@ -127,13 +127,19 @@ def _test_batch(fitted: FittedModel, effects: Sequence[Effect]) -> list[ScoreTes
         fitted.parameters().count,
         fitted.prior_precision(effects),
         fitted.deviation,
+        fitted.averaged_squares,
     )
     tests = []
     for effect in effects:
         if effect.per_view:
             tests.append(
                 _test_view_effect(
-                    effect, views, own_columns, blocks[effect.per_view], fitted.freedom
+                    effect,
+                    views,
+                    own_columns,
+                    blocks[effect.per_view],
+                    fitted.freedom,
+                    fitted.averaged_squares,
                 )
             )
         else:
@@ -148,6 +154,7 @@ def _test_view_effect(
     own_columns: NDArray[np.int64],
     added: slice,
     freedom: int,
+    averaged_squares: float,
 ) -> ScoreTest:
     """Test an effect with parameters in every view.
 
@@ -155,6 +162,7 @@ def _test_view_effect(
         own_columns: the columns of the views' own parameters in the fit.
         added: the columns of the effect.
         freedom: the degrees of freedom of the residual without the effect.
+        averaged_squares: those of `FittedModel`.
     """
     chi2 = 0.0
     squares = 0.0
@@ -175,7 +183,7 @@ def _test_view_effect(
         chi2=chi2,
         dof=dof,
         find_p_value=partial(fdtrc, dof, freedom_with_effect, max(0.0, chi2 / dof / dispersion)),
-        cost=squares,
+        cost=squares + averaged_squares,
         information=np.zeros((0, 0)),
         score=np.zeros(0),
     )
@@ -199,6 +207,8 @@ class _ReducedSystem:
     """(F,) by the fitted parameters; zero at an exact optimum."""
     precision: Array
     """(S, S) prior precision."""
+    averaged_squares: float
+    """That of `FittedModel`."""
 
     @staticmethod
     def of(
@@ -207,6 +217,7 @@ class _ReducedSystem:
         fitted: int,
         precision: Array,
         deviation: Array,
+        averaged_squares: float,
     ) -> _ReducedSystem:
         """Reduce the equations; the first `fitted` shared parameters are those of the fit."""
         reduced = [view.reduce(own_columns) for view in views]
@@ -225,6 +236,7 @@ class _ReducedSystem:
             imitation=imitation,
             gradient=fitted_jacobian.T @ residual + prior @ deviation,
             precision=precision,
+            averaged_squares=averaged_squares,
         )
 
     def test(self, effect: Effect, entries: NDArray[np.int64], freedom: int) -> ScoreTest:
@@ -259,7 +271,7 @@ class _ReducedSystem:
             chi2=chi2,
             dof=len(score),
             find_p_value=find_p_value,
-            cost=cost,
+            cost=cost + self.averaged_squares,
             information=information,
             score=score,
         )

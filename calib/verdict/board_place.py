@@ -36,7 +36,7 @@ def board_place(case: Case) -> Iterator[Reason]:
     """Check the distance of the boards before a cover."""
     if not case.calibration.model()[0].cover:
         return
-    to_glass = np.linalg.norm(case.rays.origin.stacked().numpy(), axis=-1)
+    to_glass = case.distance_of_glass
     to_corner = np.linalg.norm(case.corners, axis=-1)
     share_inside = float(np.mean(to_corner < to_glass))
     glass, board = float(np.median(to_glass)), float(np.median(to_corner))
