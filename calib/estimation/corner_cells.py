@@ -11,7 +11,7 @@ each view stays, up to what its derivatives bend within a cell.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -45,24 +45,23 @@ def spread_part(observations: Observations) -> Observations:
     """Return one corner of each cell, the one nearest to its middle; all corners of a session that
     is not large.
     """
+    return (
+        observations.select_rows(part_rows(observations))
+        if is_large(observations)
+        else observations
+    )
+
+
+def part_rows(observations: Observations) -> Tensor:
+    """Return (M,) true for the corners of `spread_part`."""
+    rows = torch.ones(len(observations.pixels), dtype=torch.bool)
     if not is_large(observations):
-        return observations
+        return rows
     cell, distance = _cells(observations)
     order = torch.from_numpy(np.lexsort((distance.numpy(), cell.numpy())))
-    first = torch.ones_like(order, dtype=torch.bool)
-    first[1:] = cell[order][1:] != cell[order][:-1]
-    rows = torch.zeros_like(first)
-    rows[order[first]] = True
-    return observations.select_rows(rows)
-
-
-@dataclass(frozen=True, slots=True)
-class Averages:
-    """The averages of neighbouring corners."""
-
-    observations: Observations
-    squares: float
-    """The squares of the corners' errors about their averages, over the noise variance."""
+    repeated = cell[order][1:] == cell[order][:-1]
+    rows[order[1:][repeated]] = False
+    return rows
 
 
 def average_corners(
@@ -72,7 +71,7 @@ def average_corners(
     poses: Tensor,
     sigma: float,
     image: Tensor | None = None,
-) -> Averages:
+) -> Observations:
     """Return the averages of the corners of each cell; the corners themselves if the session is not
     large.
 
@@ -87,7 +86,7 @@ def average_corners(
         image: (M, 2) px, its reprojection errors (`Residuals`); None to compute them.
     """
     if not is_large(observations):
-        return Averages(observations, 0.0)
+        return observations
     if image is None:
         image = residuals(path, values, observations, poses).image
     cell, _ = _cells(observations)
@@ -106,7 +105,7 @@ def average_corners(
 
     weights = total(weight)
     mean_error = mean(error)
-    squares = float((weight * ((error - mean_error[member]) ** 2).sum(-1)).sum()) / sigma**2
+    squares = float((weight * ((error - mean_error[member]) ** 2).sum(-1)).sum())
     views = len(observations.names)
     view = numbers // _side(observations) ** 2
     exposure = observations.exposure
@@ -124,7 +123,9 @@ def average_corners(
     ).select_rows(weights > 0)
     projected = torch.cat([_project(path, values, b, poses) for b in averages.batches()])
     averages = replace(averages, pixels=projected - mean_error[weights > 0])
-    return Averages(averages.select_rows(torch.isfinite(projected).all(-1)), squares)
+    averages = averages.select_rows(torch.isfinite(projected).all(-1))
+    merged = int(visible.sum()) - len(averages.pixels)
+    return replace(averages, merged=merged, merged_squares=squares)
 
 
 def _project(path: Path, values: Values, observations: Observations, poses: Tensor) -> Tensor:

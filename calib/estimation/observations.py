@@ -39,6 +39,12 @@ class Observations:
     points of a target whose covariances are known. The mean of both variances is that of the
     weight. None: they are equal.
     """
+    merged: int = 0
+    """The number of corners for which averages of several stand, less that of the averages
+    (`corner_cells`).
+    """
+    merged_squares: float = 0.0
+    """px^2, the squares of the errors of these corners about their averages, by their weights."""
 
     @staticmethod
     def of(views: Sequence[View], board: Board) -> "Observations":
@@ -72,6 +78,8 @@ class Observations:
             starts=starts,
             exposure=self.exposure and self.exposure[rows],
             whitening=None if self.whitening is None else self.whitening[rows],
+            merged=self.merged,
+            merged_squares=self.merged_squares,
         )
 
     def without_views(self, views: Tensor) -> "Observations":
@@ -151,6 +159,11 @@ class Observations:
                 exposure=self.exposure and self.exposure[rows],
                 whitening=None if self.whitening is None else self.whitening[rows],
             )
+
+    @property
+    def residual_count(self) -> int:
+        """The number of residuals: two for each corner, also for one that an average stands for."""
+        return 2 * (len(self.pixels) + self.merged)
 
     @property
     def view(self) -> Tensor:

@@ -48,8 +48,10 @@ def uneven_log_odds(
         view_precision(path, joint.poses),
     )
     equations = normal_equations(problem.linearise(shared, joint.poses))
-    freedom = 2 * len(observations.pixels) - joint.poses.numel()
-    likelihood, apparent = marginal_likelihood(equations, shared, freedom, joint.sigma, parameters)
+    freedom = observations.residual_count - joint.poses.numel()
+    likelihood, apparent = marginal_likelihood(
+        equations, shared, freedom, joint.sigma, parameters, observations.merged_squares
+    )
     start = replace(UNEVEN_GLASS, figure=0.0)
     sigma, texture = maximise_evidence(likelihood, apparent, start)
     even = Smoothness(MIN_HEIGHT, start.length, figure=0.0)

@@ -198,7 +198,7 @@ def _with_uncertainty(
         session.board,
         session.camera,
         loose,
-        fitted.residuals.image,
+        fitted.on_averages.observations if fitted.on_averages else None,
     )
 
 

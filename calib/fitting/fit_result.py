@@ -9,7 +9,6 @@ from operator import gt, lt
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from calib.calibration import Calibration
 from calib.calibration_content import AddedEffect, Stage
@@ -25,7 +24,7 @@ from calib.fitting.differing import possible_shifts
 from calib.fitting.valleys import widen_valleys, with_variance
 from calib.inference.board_bend import possible_print_shifts, possible_prints
 from calib.inference.effect_context import effect_context
-from calib.inference.fitted_model import FittedModel
+from calib.inference.fitted_model import MAX_VIEWS, FittedModel
 from calib.inference.view_scatter import ViewScatter
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
@@ -39,8 +38,6 @@ numbers differ from view to view. Noise alone gives 0.8 to 1.2.
 """
 SCATTERED_POINTS = 2.0
 """The same of a target of points, whose systematic errors of 0.002 px scatter by 1.4."""
-MAX_VIEWS = 500
-"""The largest number of views of which it is asked: time and memory grow with its square."""
 EFFECTS_STAGE = "cover+rbf+effects"
 LOOSE = 3.0
 """The stated standard deviation over the usual tolerance, above which a number of the cover is as
@@ -90,7 +87,7 @@ def count_views(
     board: Board,
     camera: Camera,
     loose: Sequence[str] = (),
-    image: Tensor | None = None,
+    averages: Observations | None = None,
 ) -> tuple[JointFit, Uncertainty]:
     """Return the fit with a covariance that counts views and corners of the board, and how it
     counts them. Where views scatter, it has the shift by numbers that seem to differ from view to
@@ -98,11 +95,11 @@ def count_views(
 
     Args:
         loose: the names of the numbers with wide priors, of which the profile is asked as well.
-        image: (M, 2) px, the reprojection errors, if they are known.
+        averages: the averages of the corners, if they are known.
     """
-    fitted = FittedModel(model, observations, joint)
+    fitted = FittedModel(model, averages or observations, joint)
     if joint.finite:
-        fitted = fitted.averaged(image)
+        fitted = fitted.averaged()
     prints = possible_prints(fitted, board)
     views = [view.reduce() for view in fitted.equations(prints)] if joint.finite else []
     scatter = ViewScatter.of(fitted, labels, views)

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.corners.view import View
-from calib.estimation.joint_fit import ROUNDS, JointFit
+from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.prior_conflict import PRIOR_INFLATION, contradicts_prior
 from calib.estimation.stated_priors import widen_prior
 from calib.fit_record.request import EVEN_GRID, Settings
 from calib.fitting.stages import Fitted, Setup, fit_stages
-from calib.inference.fitted_model import FittedModel
 from calib.progress import Progress
 from calib.session.cover import AUTO
 from calib.session.numbers import camera_numbers
@@ -73,12 +72,9 @@ def find_other_lens(
     if not (uneven.relief and uneven.joint and is_chosen and is_stated):
         return None
     observations = Observations.of(views, setup.board)
-    asked, on_averages = _on_averages(uneven, observations)
-    if on_averages is not uneven:
-        wider = _widened(setup, names)
-        if not _competes(
-            _even_fit(wider, asked, settings, uneven, progress), on_averages, setup, names
-        ):
+    if asked := uneven.on_averages:
+        even_fit = _even_fit(_widened(setup, names), asked.observations, settings, uneven, progress)
+        if not _competes(even_fit, replace(uneven, joint=asked.joint), setup, names):
             return None
     while True:
         wider = _widened(setup, names)
@@ -90,20 +86,6 @@ def find_other_lens(
             log_odds = even_fit.joint.log_evidence - uneven.joint.log_evidence
             return OtherLens(even_fit, wider, names, log_odds)
         names = differing
-
-
-def _on_averages(uneven: Fitted, observations: Observations) -> tuple[Observations, Fitted]:
-    """Return averages of the corners, if they are very many, with the fit of uneven glass to them;
-    otherwise the corners and the fit as they are.
-    """
-    assert uneven.model
-    assert uneven.joint
-    fitted = FittedModel(uneven.model, observations, uneven.joint)
-    asked = fitted.averaged(uneven.residuals.image).observations
-    if asked is observations:
-        return observations, uneven
-    joint = uneven.model.fit(asked, uneven.poses, uneven.joint.start, ROUNDS)
-    return asked, replace(uneven, joint=joint)
 
 
 def _even_fit(

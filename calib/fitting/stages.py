@@ -66,6 +66,11 @@ MIN_LOG_ODDS = math.log(100)
 """The least log odds of uneven glass, or of a bent board behind even glass, against less."""
 PINHOLE_STAGE = "pinhole"
 COVER_STAGE = "cover+rbf"
+LAST_ROUND = (1e-6,)
+"""The tolerance of a fit to very many corners that starts next to its optimum. Where it ends, a
+step would lower the squares of a million corners by 2 or less in all, for hundreds of numbers: each
+is about a hundredth of its standard deviation from the optimum.
+"""
 LINEARISATIONS = 12
 """Length of the progress bar: a joint fit takes about as many."""
 
@@ -117,6 +122,14 @@ class Setup:
 
 
 @dataclass(frozen=True, slots=True)
+class OnAverages:
+    """Averages of the corners of a session with very many, and a fit to them: for questions."""
+
+    observations: Observations
+    joint: JointFit
+
+
+@dataclass(frozen=True, slots=True)
 class Fitted:
     """The model, poses and residuals after the last stage."""
 
@@ -131,6 +144,8 @@ class Fitted:
     """The model of the joint fit; None without one."""
     turned: tuple[str, ...] = ()
     """The views that show the board turned by a quarter turn. This fit has them as they are."""
+    on_averages: OnAverages | None = None
+    """The fit of the same model to averages of the corners; None if they are not very many."""
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -190,7 +205,7 @@ def fit_stages(
         model = job.model(path, means)
         start = earlier.joint.start if earlier and earlier.joint else job.initial(values)
         joint = job.part.fit(model, earlier.poses if earlier else poses, start)
-        return job.finish(model, job.complete(model, joint))
+        return job.finish_all(model, joint)
     path, means = covered_path(setup.intrinsics, setup.cover)
     values = setup.initial_values(means)
     poses = refine_poses(path, values, observations, poses).blocks
@@ -298,11 +313,20 @@ class _Job:
         part = spread_part(self.observations)
         return self if part is self.observations else replace(self, observations=part)
 
-    def complete(self, model: CameraModel, joint: JointFit) -> JointFit:
-        """Return the fit to all corners that starts at the fit to a part of them."""
-        if not is_large(self.observations) or not joint.finite:
-            return joint
-        return self.fit(model, joint.poses, joint.start, ROUNDS[1:])
+    def complete(self, model: CameraModel, joint: JointFit) -> tuple[JointFit, OnAverages | None]:
+        """Return the fit to all corners, from that to a part of them. Noise and prior are those of
+        averages of all corners, which lead so near to the optimum that one step remains.
+        """
+        observations = self.observations
+        if not is_large(observations) or not joint.finite:
+            return joint, None
+        path, values, poses = model.path, joint.values, joint.poses
+        averages = average_corners(path, values, observations, poses, joint.sigma)
+        near = replace(self, observations=averages).fit(model, poses, joint.start)
+        if not near.finite:
+            return near, None
+        on_averages = OnAverages(averages, near)
+        return self.fit(model, near.poses, near.start, LAST_ROUND), on_averages
 
     def log_odds_of_texture(self, model: CameraModel, joint: JointFit) -> tuple[float, Smoothness]:
         """Return `uneven_log_odds` of the fit of a model without a relief."""
@@ -334,6 +358,13 @@ class _Job:
         advance(LINEARISATIONS, "")
         return joint
 
+    def finish_all(
+        self, model: CameraModel, joint: JointFit, relief: Relief | None = None
+    ) -> Fitted:
+        """Return `finish` of the fit to all corners, from that to a part of them."""
+        completed, on_averages = self.complete(model, joint)
+        return self.finish(model, completed, relief, on_averages)
+
     def is_possible(self, model: CameraModel, joint: JointFit) -> bool:
         """Return True if the cover's estimated numbers are within the limits of what a session may
         declare, and not far from what this one declares.
@@ -348,7 +379,13 @@ class _Job:
                     return False
         return True
 
-    def finish(self, model: CameraModel, joint: JointFit, relief: Relief | None = None) -> Fitted:
+    def finish(
+        self,
+        model: CameraModel,
+        joint: JointFit,
+        relief: Relief | None = None,
+        on_averages: OnAverages | None = None,
+    ) -> Fitted:
         """Return the fit of a flat board, or that of a bent one if the views show the bend."""
         residual = residuals(model.path, joint.values, self.observations, joint.poses)
         flat = _stage(COVER_STAGE if model.path.cover else PINHOLE_STAGE, residual)
@@ -358,22 +395,16 @@ class _Job:
         turned: tuple[str, ...] = ()
         if self.decides_bend:
             board = self.setup.board
-            asked = average_corners(
-                model.path,
-                joint.values,
-                self.observations,
-                joint.poses,
-                joint.sigma,
-                residual.image,
-            ).observations
-            flat_joint = joint
-            if asked is not self.observations and joint.finite:
-                flat_joint = model.fit(asked, joint.poses, joint.start, ROUNDS)
-            is_turned = find_turned(model, asked, flat_joint, board)
+            asked = on_averages or OnAverages(self.observations, joint)
+            is_turned = find_turned(model, asked.observations, asked.joint, board)
             turned = tuple(compress(self.observations.names, is_turned))
-            model, decided = estimate_board(model, asked, flat_joint, board, self.labels)
-            if decided is not flat_joint:
-                joint = self.complete(model, decided)
+            model, decided = estimate_board(
+                model, asked.observations, asked.joint, board, self.labels
+            )
+            if decided is not asked.joint:
+                joint = decided
+                if on_averages:
+                    joint, on_averages = self.complete(model, decided)
                 residual = residuals(model.path, joint.values, self.observations, joint.poses)
         if model.effects:
             stages = (*stages, _stage(EFFECTS_STAGE, residual))
@@ -387,6 +418,7 @@ class _Job:
             joint=joint,
             model=model,
             turned=turned,
+            on_averages=on_averages,
         )
 
 
@@ -403,18 +435,19 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
     is_known = job.setup.cover.glass is not None
     if was_uneven or is_known:
         return _fit_uneven(job, even, poses, earlier, start)
-    part = job.part
+    part, on_averages = job.part, None
     smooth = part.fit(even, poses, start)
     if job.surface == EVEN or not smooth.finite:
-        return job.finish(even, job.complete(even, smooth))
+        return job.finish_all(even, smooth)
     log_odds, texture = part.log_odds_of_texture(even, smooth)
     # With every number held, nothing but the glass could make up for their errors.
     is_asked = job.surface == AUTO_SURFACE and bool(even.priors.sigmas)
     if is_asked and part is not job and log_odds < MIN_LOG_ODDS:
-        part, smooth = job, job.complete(even, smooth)
+        part = job
+        smooth, on_averages = job.complete(even, smooth)
         log_odds, texture = job.log_odds_of_texture(even, smooth)
     if is_asked and log_odds < MIN_LOG_ODDS:
-        return job.finish(even, smooth)
+        return job.finish(even, smooth, None, on_averages)
     if not job.is_possible(even, smooth):
         # Even glass has no bumps, and its numbers went elsewhere to imitate them.
         return _fit_uneven(job, even, poses, None, start)
@@ -426,8 +459,8 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
     if job.surface == AUTO_SURFACE and log_odds < MIN_LOG_ODDS:
         if part is job:
             return bent
-        joint = job.complete(bent.model, bent.joint)
-        return replace(replace(job, decided=bent).finish(bent.model, joint), turned=bent.turned)
+        finished = replace(job, decided=bent).finish_all(bent.model, bent.joint)
+        return replace(finished, turned=bent.turned)
     # A relief of a flat board is fitted roughly, for the error that the bend removes.
     flat = _with_relief(job, even, _relief(job, even.path, job.setup.initial_values(even.means)))
     rough = part.fit(flat, smooth.poses, start, ROUNDS[:1])
@@ -470,8 +503,7 @@ def _fit_uneven(
     start = start or Start(even.means, FIRST_SIGMA, GOOD_GLASS)
     if earlier and earlier.relief:
         model = _with_relief(job, even, earlier.relief)
-        joint = job.complete(model, job.part.fit(model, poses, start))
-        return job.finish(model, joint, earlier.relief)
+        return job.finish_all(model, job.part.fit(model, poses, start), earlier.relief)
     relief = _relief(job, even.path, job.setup.initial_values(even.means))
     model = _with_relief(job, even, relief)
     part = job.part
@@ -487,7 +519,7 @@ def _fit_uneven(
         elif is_last:
             break
         joint = part.fit(model, joint.poses, start)
-    return job.finish(model, job.complete(model, joint), relief)
+    return job.finish_all(model, joint, relief)
 
 
 def _with_relief(job: _Job, even: CameraModel, relief: Relief) -> CameraModel:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -20,6 +21,9 @@ from calib.estimation.residual_blocks import pixel_weights
 from calib.estimation.view_equations import ViewEquations, information, view_equations
 
 Array = NDArray[np.float64]
+
+MAX_VIEWS = 500
+"""The largest number of views of which it is asked how numbers differ from view to view."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +41,11 @@ class FittedModel:
     model: CameraModel
     observations: Observations
     joint: Estimate
-    averaged_squares: float = 0.0
-    """The squares of errors, over the noise variance, that averages of corners do not have."""
+
+    @property
+    def merged_squares(self) -> float:
+        """The squares of errors about averages of corners, over the noise variance."""
+        return self.observations.merged_squares / self.joint.sigma**2
 
     def averaged(self, image: Tensor | None = None) -> FittedModel:
         """Return the same fit with averages of neighbouring corners, of a session with very many
@@ -55,8 +62,19 @@ class FittedModel:
             self.joint.sigma,
             image,
         )
-        squares = self.averaged_squares + averages.squares
-        return FittedModel(self.model, averages.observations, self.joint, squares)
+        return replace(self, observations=averages)
+
+    def some_views(self) -> FittedModel:
+        """Return the same fit with at most MAX_VIEWS of the views, spread evenly: for questions of
+        how numbers differ from view to view, whose time grows faster than their number.
+        """
+        count = len(self.observations.names)
+        if count <= MAX_VIEWS:
+            return self
+        chosen = torch.zeros(count, dtype=torch.bool)
+        chosen[torch.linspace(0, count - 1, MAX_VIEWS).round().long()] = True
+        joint = replace(self.joint, poses=self.joint.poses[chosen])
+        return FittedModel(self.model, self.observations.without_views(~chosen), joint)
 
     @property
     def deviation(self) -> Array:
@@ -72,7 +90,7 @@ class FittedModel:
             for name, value in model.neutral_values(effect).items()
         }
         joint = replace(self.joint, values={**self.joint.values, **neutral})
-        return FittedModel(model, self.observations, joint, self.averaged_squares)
+        return FittedModel(model, self.observations, joint)
 
     def parameters(self, effects: Sequence[Effect] = ()) -> Parameters:
         """Return the fitted parameters at the optimum, followed by those of further effects at
@@ -119,4 +137,4 @@ class FittedModel:
     @property
     def freedom(self) -> int:
         """The number of residuals minus that of the views' own parameters."""
-        return 2 * len(self.observations.pixels) - self.joint.poses.numel()
+        return self.observations.residual_count - self.joint.poses.numel()

@@ -127,7 +127,7 @@ def _test_batch(fitted: FittedModel, effects: Sequence[Effect]) -> list[ScoreTes
         fitted.parameters().count,
         fitted.prior_precision(effects),
         fitted.deviation,
-        fitted.averaged_squares,
+        fitted.merged_squares,
     )
     tests = []
     for effect in effects:
@@ -139,7 +139,7 @@ def _test_batch(fitted: FittedModel, effects: Sequence[Effect]) -> list[ScoreTes
                     own_columns,
                     blocks[effect.per_view],
                     fitted.freedom,
-                    fitted.averaged_squares,
+                    fitted.merged_squares,
                 )
             )
         else:
@@ -154,7 +154,7 @@ def _test_view_effect(
     own_columns: NDArray[np.int64],
     added: slice,
     freedom: int,
-    averaged_squares: float,
+    merged_squares: float,
 ) -> ScoreTest:
     """Test an effect with parameters in every view.
 
@@ -162,10 +162,10 @@ def _test_view_effect(
         own_columns: the columns of the views' own parameters in the fit.
         added: the columns of the effect.
         freedom: the degrees of freedom of the residual without the effect.
-        averaged_squares: those of `FittedModel`.
+        merged_squares: those of `FittedModel`.
     """
     chi2 = 0.0
-    squares = 0.0
+    squares = merged_squares
     dof = 0
     for view in views:
         fitted_columns = view.jacobian_block[:, own_columns]
@@ -183,7 +183,7 @@ def _test_view_effect(
         chi2=chi2,
         dof=dof,
         find_p_value=partial(fdtrc, dof, freedom_with_effect, max(0.0, chi2 / dof / dispersion)),
-        cost=squares + averaged_squares,
+        cost=squares,
         information=np.zeros((0, 0)),
         score=np.zeros(0),
     )
@@ -207,7 +207,7 @@ class _ReducedSystem:
     """(F,) by the fitted parameters; zero at an exact optimum."""
     precision: Array
     """(S, S) prior precision."""
-    averaged_squares: float
+    merged_squares: float
     """That of `FittedModel`."""
 
     @staticmethod
@@ -217,7 +217,7 @@ class _ReducedSystem:
         fitted: int,
         precision: Array,
         deviation: Array,
-        averaged_squares: float,
+        merged_squares: float,
     ) -> _ReducedSystem:
         """Reduce the equations; the first `fitted` shared parameters are those of the fit."""
         reduced = [view.reduce(own_columns) for view in views]
@@ -236,7 +236,7 @@ class _ReducedSystem:
             imitation=imitation,
             gradient=fitted_jacobian.T @ residual + prior @ deviation,
             precision=precision,
-            averaged_squares=averaged_squares,
+            merged_squares=merged_squares,
         )
 
     def test(self, effect: Effect, entries: NDArray[np.int64], freedom: int) -> ScoreTest:
@@ -254,7 +254,7 @@ class _ReducedSystem:
         imitated = self.imitation[:, entries - fitted].T @ self.gradient
         score = effect_columns.T @ self.residual - imitated
         hessian = information + self.precision[np.ix_(entries, entries)]
-        cost = float(self.residual @ self.residual)
+        cost = float(self.residual @ self.residual) + self.merged_squares
         chi2 = max(0.0, float(score @ np.linalg.solve(hessian, score)))
         find_p_value: Callable[[], SupportsFloat]
         if len(score) > len(self.view_residuals) // 3:
@@ -271,7 +271,7 @@ class _ReducedSystem:
             chi2=chi2,
             dof=len(score),
             find_p_value=find_p_value,
-            cost=cost + self.averaged_squares,
+            cost=cost,
             information=information,
             score=score,
         )

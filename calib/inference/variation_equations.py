@@ -302,13 +302,14 @@ class GroupEquations:
         for spread in SPREADS:
             growth = 1 + spread**2 * sizes
             weight = spread**2 / growth
-            scaled = low_rank * weight
-            root = np.linalg.cholesky((1 + ROUNDING) * np.eye(len(scaled)) - scaled @ low_rank.T)
-            correction = solve_triangular(root, scaled @ projected, lower=True)
+            scaled = low_rank * np.sqrt(weight)
+            explained_rank = scaled @ scaled.T  # half of the products, because it is symmetric
+            root = np.linalg.cholesky((1 + ROUNDING) * np.eye(len(scaled)) - explained_rank)
+            correction = solve_triangular(root, low_rank @ (weight * projected), lower=True)
             determinants.append(np.log(growth).sum() + 2 * np.log(root.diagonal()).sum())
             explained.append(weight @ projected**2 + correction @ correction)
             back = solve_triangular(root, correction, lower=True, trans="T")
-            solutions.append(weight * projected + back @ scaled)
+            solutions.append(weight * (projected + back @ low_rank))
         gains = self._gains(np.array(determinants), np.array(explained))
         best = int(gains.argmax())
         deviations = -(axes @ solutions[best].reshape(*score.shape, 1))[:, :, 0]
@@ -373,28 +374,37 @@ class GroupEquations:
         """Return the variation of two kinds of views after one pass over the views, of which each
         moves to the other kind if that is more probable.
         """
+        is_first = best.pattern > 0
+        first = _Sums(
+            self.diagonal[is_first].sum(0),
+            self.coupling[is_first].sum(0),
+            self.score[is_first].sum(0),
+        )
+        gain = best.gain
         view = 0
         while view < self.count:
-            is_first = best.pattern > 0
-            first_kind = int(is_first.sum())
             next_views = np.arange(view, min(view + MOVED_TOGETHER, self.count))
             signs = np.where(is_first[next_views], -1, 1)
-            counts = first_kind + signs
+            counts = int(is_first.sum()) + signs
             sums = _Sums(
-                self.diagonal[is_first].sum(0) + signs[:, None, None] * self.diagonal[next_views],
-                self.coupling[is_first].sum(0) + signs[:, None, None] * self.coupling[next_views],
-                self.score[is_first].sum(0) + signs[:, None] * self.score[next_views],
+                first.diagonal + signs[:, None, None] * self.diagonal[next_views],
+                first.coupling + signs[:, None, None] * self.coupling[next_views],
+                first.score + signs[:, None] * self.score[next_views],
             )
             gains = self._gains_of_kinds(sums, counts)
             gains[np.minimum(counts, self.count - counts) < MIN_BLOCK] = -np.inf
-            better = np.flatnonzero(gains > best.gain)
-            if better.size:
-                is_first[next_views[better[0]]] ^= True
-                best = self.following(best.kind, centred_pattern(is_first))
-                view += int(better[0]) + 1
-            else:
+            better = np.flatnonzero(gains > gain)
+            if not better.size:
                 view += len(next_views)
-        return best
+                continue
+            index = int(better[0])
+            is_first[next_views[index]] ^= True
+            first = _Sums(sums.diagonal[index], sums.coupling[index], sums.score[index])
+            gain = float(gains[index])
+            view += index + 1
+        if gain == best.gain:
+            return best
+        return self.following(best.kind, centred_pattern(is_first))
 
     def best_following(self, kind: VariationKind, patterns: Array) -> Variation:
         """Return the most probable variation whose deviations follow one of the (P, V) patterns."""

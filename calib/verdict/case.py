@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.registry import EFFECTS
+from calib.estimation.corner_cells import part_rows
 from calib.estimation.joint_fit import Estimate
 from calib.estimation.noise import MIN_NOISE
 from calib.estimation.observations import Observations
@@ -74,11 +75,16 @@ class Case:
         return self.calibration.stages[-1].rms_px
 
     @cached_property
-    def distance_of_glass(self) -> Array:
-        """(M,) m, from the pinhole to where the ray of each corner leaves the cover."""
+    def distances_of_glass(self) -> tuple[Array, Array]:
+        """(m,) m, from the pinhole to where the rays of some corners, spread evenly, leave the
+        cover, and (m,) m to these corners.
+        """
         path, values = self.calibration.model()
-        rays = (path.trace(b.pixels, values, b.exposure) for b in self.observations.batches())
-        return np.concatenate([ray.origin.stacked().norm(dim=-1).numpy() for ray in rays])
+        rows = part_rows(self.observations)
+        part = self.observations.select_rows(rows)
+        rays = path.trace(part.pixels, values, part.exposure)
+        to_glass = np.linalg.norm(rays.origin.stacked().numpy(), axis=-1)
+        return to_glass, np.linalg.norm(self.corners[rows.numpy()], axis=-1)
 
     @cached_property
     def corners(self) -> Array:

@@ -125,7 +125,7 @@ def _bump_gain(calibration: Calibration) -> float:
 @lru_cache(maxsize=1)
 def find_differing(calibration: Calibration) -> Differing | None:
     """Return what differs from view to view in a calibration; None if nothing does."""
-    fitted = averaged_optimum_of(calibration)
+    fitted = averaged_optimum_of(calibration).some_views()
     return Differing.of(
         fitted,
         effect_context(fitted, calibration.board, calibration.camera, locate=False),

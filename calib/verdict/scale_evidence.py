@@ -92,7 +92,7 @@ def scale_evidence(calibration: Calibration) -> ScaleEvidence:
     parameters, prior = optimum.parameters(), optimum.prior_precision()
     poses = _poses(calibration, [view.reduce() for view in optimum.equations()])
     information = np.zeros_like(prior)
-    score, squares = np.zeros(parameters.count), optimum.averaged_squares
+    score, squares = np.zeros(parameters.count), optimum.merged_squares
     for rows, residual in poses:
         information += rows.T @ rows
         score += rows.T @ residual
