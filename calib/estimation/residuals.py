@@ -60,14 +60,19 @@ def _residuals(path: Path, values: Values, observations: Observations, poses: Te
     exposure = observations.exposure
     boards = Placement.of(poses)[observations.view].at_exposure(exposure)
     values_of_rows = path.values_of_views(values, poses[observations.view])
-    rays = path.trace(observations.pixels, values_of_rows, exposure)
+    trace = None
+    if not path.directly_projects:  # then the projection starts with these rays
+        trace = path.trace_with_derivatives(
+            observations.pixels, values_of_rows, exposure, frozenset()
+        )
+    rays = trace.rays if trace else path.trace(observations.pixels, values_of_rows, exposure)
     corners, planes = path.planes(observations.corners, boards)
     landed, failure = path.target(rays, planes, values)
     offset = landed - corners
     board = torch.where((failure != 0).unsqueeze(-1), torch.full_like(offset, torch.nan), offset)
     through = rays if path.target.glass else None
     points = path.target.place(observations.corners, boards, values, through)
-    projected = project(path, values_of_rows, points, exposure, start=observations.pixels)
+    projected = project(path, values_of_rows, points, exposure, observations.pixels, trace)
     return Residuals(projected - observations.pixels, board)
 
 

@@ -25,7 +25,7 @@ from calib.estimation.gradient_fit import descend
 from calib.estimation.joint_fit import FIRST_SIGMA, GOOD_GLASS, ROUNDS, JointFit, Start
 from calib.estimation.noise import corner_noise
 from calib.estimation.observations import Observations
-from calib.estimation.poses import pinhole_poses, refine_poses
+from calib.estimation.poses import TOLERANCE, pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness, expected_amplitudes
@@ -66,6 +66,8 @@ MIN_LOG_ODDS = math.log(100)
 """The least log odds of uneven glass, or of a bent board behind even glass, against less."""
 PINHOLE_STAGE = "pinhole"
 COVER_STAGE = "cover+rbf"
+START_TOLERANCE = 1e-6
+"""The same as `TOLERANCE` for the start of a fit to very many corners."""
 LAST_ROUND = (1e-6,)
 """The tolerance of a fit to very many corners that starts next to its optimum. Where it ends, a
 step would lower the squares of a million corners by 2 or less in all, for hundreds of numbers: each
@@ -208,7 +210,8 @@ def fit_stages(
         return job.finish_all(model, joint)
     path, means = covered_path(setup.intrinsics, setup.cover)
     values = setup.initial_values(means)
-    poses = refine_poses(path, values, observations, poses).blocks
+    tolerance = START_TOLERANCE if is_large(observations) else TOLERANCE
+    poses = refine_poses(path, values, observations, poses, tolerance).blocks
     residual = residuals(path, values, observations, poses)
     _check_cover(residual)
     stages = (*stages, _stage("cover", residual))
