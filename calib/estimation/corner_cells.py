@@ -3,9 +3,10 @@
 What a fit estimates is smooth over a board: its pose, its bend, the lens, the glass. So a fit may
 start with a few corners of each view, spread evenly over the board, and a question about a finished
 fit may be asked of averages. The members of one cell of the board become one corner at their mean
-place, whose error is their mean error: the average has no curvature to lose, because the error is
-taken to the model, not to the neighbours. It weighs as much as all of them, so the information of
-each view stays, up to what its derivatives bend within a cell.
+place, whose error is their mean error. Nothing is fitted to the corners for that, so a curved
+lattice of corners costs nothing: the error is that about the model. An average weighs as much as
+all of its members, and tells as much of whatever hardly changes within a cell. k cells along each
+side lose 1 / k^2 of what is linear over the board.
 """
 
 from __future__ import annotations

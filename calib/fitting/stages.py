@@ -68,10 +68,10 @@ PINHOLE_STAGE = "pinhole"
 COVER_STAGE = "cover+rbf"
 START_TOLERANCE = 1e-6
 """The same as `TOLERANCE` for the start of a fit to very many corners."""
-LAST_ROUND = (1e-6,)
-"""The tolerance of a fit to very many corners that starts next to its optimum. Where it ends, a
-step would lower the squares of a million corners by 2 or less in all, for hundreds of numbers: each
-is about a hundredth of its standard deviation from the optimum.
+LAST_ROUNDS = (3e-4, 1e-6)
+"""The tolerances of a fit to very many corners that starts next to its optimum. Where it ends, a
+step would lower the squares of a million corners by 2 or less in all, for thousands of numbers:
+each is about a hundredth of its standard deviation from the optimum.
 """
 LINEARISATIONS = 12
 """Length of the progress bar: a joint fit takes about as many."""
@@ -317,8 +317,8 @@ class _Job:
         return self if part is self.observations else replace(self, observations=part)
 
     def complete(self, model: CameraModel, joint: JointFit) -> tuple[JointFit, OnAverages | None]:
-        """Return the fit to all corners, from that to a part of them. Noise and prior are those of
-        averages of all corners, which lead so near to the optimum that one step remains.
+        """Return the fit to all corners, from that to a part of them. Between these two, a fit to
+        averages of all corners comes so near to the optimum that one step of all corners remains.
         """
         observations = self.observations
         if not is_large(observations) or not joint.finite:
@@ -329,7 +329,7 @@ class _Job:
         if not near.finite:
             return near, None
         on_averages = OnAverages(averages, near)
-        return self.fit(model, near.poses, near.start, LAST_ROUND), on_averages
+        return self.fit(model, near.poses, near.start, LAST_ROUNDS), on_averages
 
     def log_odds_of_texture(self, model: CameraModel, joint: JointFit) -> tuple[float, Smoothness]:
         """Return `uneven_log_odds` of the fit of a model without a relief."""
