@@ -17,7 +17,7 @@ from torch import Tensor
 from calib.estimation.covariance import invert_precision
 from calib.estimation.levenberg_marquardt import Outcome, Solution, minimise
 from calib.estimation.normal_equations import NormalEquations
-from calib.estimation.objective import LandingProblem, view_precision
+from calib.estimation.objective import LandingProblem, huber_limit, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE, Priors
@@ -177,7 +177,9 @@ def fit_joint(
         current = parameters.values(shared)
         weights = pixel_weights(path, current, observations, poses, sigma)
         views = tuple(make_residual_blocks(path, parameters, observations, weights, current))
-        problem = LandingProblem(parameters, views, precision, view_precision(path, poses))
+        problem = LandingProblem(
+            parameters, views, precision, view_precision(path, poses), huber_limit(observations)
+        )
         solution = minimise(problem, shared, poses, steps=MAX_ITERATIONS, tolerance=tolerance)
         shared, poses = solution.shared, solution.blocks
         iterations += solution.iterations
