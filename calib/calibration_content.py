@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -139,9 +140,7 @@ class CalibrationContent:
     @property
     def observations(self) -> Observations:
         """Return the detected corners of the views, with their capture times."""
-        return Observations.of(self.views, self.board).add_times(
-            capture_times(self.views), self.camera.height
-        )
+        return _observations_of(self)
 
     @property
     def declared(self) -> Declared:
@@ -184,3 +183,11 @@ class CalibrationContent:
     def record(self) -> dict[str, Any]:
         """Return the entries of the key `settings` in calibration.yaml."""
         return record_to_yaml(self.request, self.outcome, self.history)
+
+
+@lru_cache(maxsize=1)  # a report and its verdict ask some thirty times
+def _observations_of(content: CalibrationContent) -> Observations:
+    """Return the detected corners of a calibration's views, with their capture times."""
+    return Observations.of(content.views, content.board).add_times(
+        capture_times(content.views), content.camera.height
+    )

@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.errors import InputError
+from calib.estimation.corner_cells import part_rows
 from calib.estimation.covariance import covariance_root
 from calib.estimation.jacobians import undistorted_jacobian
+from calib.estimation.observations import BATCH_SIZE
 from calib.estimation.parameters import Parameters
-from calib.estimation.residual_blocks import BATCH_SIZE
 from calib.fitting.corner_range import corners_at
 from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
@@ -227,6 +228,8 @@ class UndistortedChange:
         """
         model = calibration.camera_model()
         path, parameters, corners = model.path, model.parameters, corners_at(calibration)
+        if calibration.views:
+            corners = corners[part_rows(calibration.observations).numpy()]
         corners = corners[corners[:, 2] > 0]  # a lens that is not wide sees nothing behind it
         if not len(corners):
             raise InputError(NO_CORNERS)

@@ -19,6 +19,8 @@ SAME_PICTURE_PX = 0.01
 """px, the largest difference between the corners of one picture, read twice; noise separates those
 of two pictures.
 """
+SAMPLED = 8
+"""Corners by which most pairs of views are told apart."""
 MIN_COMMON = 0.5
 """Part of the corners of either view that both must show."""
 
@@ -110,11 +112,15 @@ def _find_still(poses: NDArray[np.float64], corners: NDArray[np.float64]) -> int
     """Return the index of the first of (P, N, 2) px views whose corners lie where the (N, 2) px of
     this one lie; None if there is none.
     """
-    squares = ((poses - corners) ** 2).sum(-1)  # (P, N), NaN where either is not visible
+    # The squares of a few corners alone are often too many for the mean square of all.
+    sampled = slice(None, None, len(corners) // SAMPLED + 1)
+    few_squares = np.nansum((poses[:, sampled] - corners[sampled]) ** 2, (1, 2))
+    near = np.flatnonzero(few_squares < STILL_PX**2 * len(corners))
+    squares = ((poses[near] - corners) ** 2).sum(-1)  # (P, N), NaN where either is not visible
     common = np.isfinite(squares)
     mean_squares = np.where(common, squares, 0.0).sum(1) / np.maximum(common.sum(1), 1)
-    still = (mean_squares < STILL_PX**2) & _has_common(poses, corners)
-    return int(np.argmax(still)) if still.any() else None
+    still = (mean_squares < STILL_PX**2) & _has_common(poses[near], corners)
+    return int(near[np.argmax(still)]) if still.any() else None
 
 
 def _has_common(views: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:

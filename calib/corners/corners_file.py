@@ -10,7 +10,7 @@ mrcal itself reads only files without them.
 
 import math
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
@@ -32,6 +32,8 @@ HIGHEST_LEVEL = 100
 """
 MAX_BYTES = 256 << 20
 """A million corners take a quarter of it, packed or not."""
+BATCH_SIZE = 16_384
+"""The number of lines that are read together."""
 GZIP = b"\x1f\x8b"
 NO_COVARIANCE = (math.nan, math.nan, math.nan)
 
@@ -46,28 +48,43 @@ class _Row(NamedTuple):
     """px^2, xx, xy, yy; NaN where the file has none."""
 
 
+class _Rows(NamedTuple):
+    """The N rows of a file, column by column."""
+
+    lines: NDArray[np.int64]
+    """(N,) the number of each row's line."""
+    names: list[str]
+    corners: NDArray[np.float64]
+    """(N, 2) px; NaN for a corner that is not visible."""
+    weights: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    """(N, 3) px^2, xx, xy, yy; NaN where the file has none."""
+
+
 def read_corners(path: Path, board: Board) -> tuple[View, ...]:
     """Return the views of a corners file, in its order. Pictures in which no corner is visible are
     left out.
     """
     rows = _read_rows(path)
     views: dict[str, View | None] = {}
-    for name, group in groupby(rows, key=lambda row: row.name):
-        block = list(group)
-        where = f"{path}, line {block[0].line}"
+    first = 0
+    for name, group in groupby(rows.names):
+        block = slice(first, first + len(list(group)))
+        count, first = block.stop - block.start, block.stop
+        where = f"{path}, line {rows.lines[block.start]}"
         if name in views:
             raise InputError(
                 f"{where}: {brief(name)} comes a second time: keep all lines of one picture"
                 " together, and each picture once."
             )
-        has_corners = any(row.weight > 0 for row in block)
-        if len(block) != board.count and (has_corners or len(block) > 1):
+        has_corners = bool((rows.weights[block] > 0).any())
+        if count != board.count and (has_corners or count > 1):
             raise InputError(
-                f"{where}: {brief(name)} has {len(block)} of the {board.count} lines that a {board}"
+                f"{where}: {brief(name)} has {count} of the {board.count} lines that a {board}"
                 ' board needs: write one for each inner corner ("-" if not seen), or correct board'
                 " in session.yaml."
             )
-        views[name] = _view(name, block) if has_corners else None
+        views[name] = _view(name, rows, block) if has_corners else None
     if not views:
         raise InputError(
             f'{path} has no corners: below "{LEGEND}", write one line for each corner of each'
@@ -104,17 +121,12 @@ def write_corners(path: Path, views: Sequence[View]) -> None:
     write_atomically(path, "\n".join(lines) + "\n")
 
 
-def _view(name: str, block: Sequence[_Row]) -> View:
-    variances = np.array([row.covariance for row in block])
+def _view(name: str, rows: _Rows, block: slice) -> View:
+    variances = rows.covariances[block]
     covariance = (
         variances[:, [0, 1, 1, 2]].reshape(-1, 2, 2) if np.isfinite(variances).any() else None
     )
-    return View(
-        name,
-        np.array([row[2:4] for row in block]),
-        np.array([row.weight for row in block]),
-        covariance=covariance,
-    )
+    return View(name, rows.corners[block], rows.weights[block], covariance=covariance)
 
 
 def _covariances(view: View) -> NDArray[np.float64]:
@@ -136,7 +148,7 @@ def _format_corner(xy: NDArray[np.float64], weight: float) -> str:
     return f"{float(xy[0])!r} {float(xy[1])!r} {-math.log2(weight) + 0.0:.17g}"
 
 
-def _read_rows(path: Path) -> list[_Row]:
+def _read_rows(path: Path) -> _Rows:
     data = read_file(path, MAX_BYTES)
     if data.startswith(GZIP):
         data = _unpack(path, data)
@@ -146,16 +158,79 @@ def _read_rows(path: Path) -> list[_Row]:
         raise InputError(
             f'{path} is not a UTF-8 text file: write a vnlog that starts with "{LEGEND}".'
         ) from error
+    lines = text.splitlines()
+    parts = []
     legend: list[str] = []
-    rows = []
-    for number, line in enumerate(text.splitlines(), start=1):
+    for first in range(0, len(lines), BATCH_SIZE):
+        batch = lines[first : first + BATCH_SIZE]
+        part = _visible_rows(batch, legend, first) if legend else None
+        if part is None:  # a comment, a corner that is not seen, or a mistake
+            rows = list(_rows(batch, legend, first, path))
+            part = _Rows(
+                np.array([row.line for row in rows], np.int64),
+                [row.name for row in rows],
+                np.array([(row.x, row.y) for row in rows], np.float64).reshape(-1, 2),
+                np.array([row.weight for row in rows], np.float64),
+                np.array([row.covariance for row in rows], np.float64).reshape(-1, 3),
+            )
+        parts.append(part)
+    if not parts:
+        parts.append(
+            _Rows(np.zeros(0, np.int64), [], np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3)))
+        )
+    return _Rows(
+        np.concatenate([part.lines for part in parts]),
+        [name for part in parts for name in part.names],
+        np.concatenate([part.corners for part in parts]),
+        np.concatenate([part.weights for part in parts]),
+        np.concatenate([part.covariances for part in parts]),
+    )
+
+
+def _visible_rows(lines: Sequence[str], legend: Sequence[str], first: int) -> _Rows | None:
+    """Return the rows of lines that all have a visible corner, in a tenth of the time of `_rows`;
+    None for any other lines.
+
+    Args:
+        first: the number of lines before these.
+    """
+    if len(set(legend)) != len(legend) or not set(legend).isdisjoint(COVARIANCE):
+        return None
+    fields = [line.split() for line in lines]
+    if any(len(row) != len(legend) or row[0][0] == "#" for row in fields):
+        return None
+    columns = dict(zip(legend, zip(*fields, strict=True), strict=True))
+    try:
+        corners = np.column_stack([[float(text) for text in columns[axis]] for axis in "xy"])
+        levels = np.array([float(text) for text in columns.get("level", "0" * len(lines))])
+    except ValueError:
+        return None
+    if not (np.isfinite(corners).all() and (levels >= 0).all() and (levels <= HIGHEST_LEVEL).all()):
+        return None
+    return _Rows(
+        np.arange(first + 1, first + 1 + len(lines)),
+        list(columns["filename"]),
+        corners,
+        0.5**levels,
+        np.full((len(lines), len(COVARIANCE)), math.nan),
+    )
+
+
+def _rows(lines: Sequence[str], legend: list[str], first: int, path: Path) -> Iterator[_Row]:
+    """Yield the rows of any lines.
+
+    Args:
+        legend: the names of the columns, which this function adds when it reads them.
+        first: the number of lines before these.
+    """
+    for number, line in enumerate(lines, start=first + 1):
         fields = line.split()
         if not fields:
             continue
         if line.lstrip().startswith("#"):
             columns = line.lstrip()[1:].split()
             if not legend and {"filename", "x", "y"} <= set(columns):
-                legend = columns
+                legend += columns
             continue
         where = f"{path}, line {number}"
         if not legend:
@@ -167,8 +242,7 @@ def _read_rows(path: Path) -> list[_Row]:
                 f'{where} has {len(fields)} columns: write {len(legend)}, "{" ".join(legend)}" ("-"'
                 " for none)."
             )
-        rows.append(_row(dict(zip(legend, fields, strict=True)), number, where))
-    return rows
+        yield _row(dict(zip(legend, fields, strict=True)), number, where)
 
 
 def _unpack(path: Path, data: bytes) -> bytes:

@@ -17,7 +17,7 @@ from torch import Tensor
 from calib.estimation.covariance import invert_precision
 from calib.estimation.levenberg_marquardt import Outcome, Solution, minimise
 from calib.estimation.normal_equations import NormalEquations
-from calib.estimation.objective import LandingProblem, view_precision
+from calib.estimation.objective import LandingProblem, huber_limit, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE, Priors
@@ -169,14 +169,17 @@ def fit_joint(
     sigma = start.sigma if start else FIRST_SIGMA
     smoothness = ((start and start.smoothness) or UNEVEN_GLASS) if path.relief else None
     shared = parameters.vector(initial)
-    freedom = 2 * len(observations.pixels) - poses.numel()
+    freedom = observations.residual_count - poses.numel()
+    merged = observations.merged_squares
     iterations = 0
     for tolerance in rounds:
         precision = torch.from_numpy(parameters.prior_precision(smoothness)).to(shared)
         current = parameters.values(shared)
         weights = pixel_weights(path, current, observations, poses, sigma)
         views = tuple(make_residual_blocks(path, parameters, observations, weights, current))
-        problem = LandingProblem(parameters, views, precision, view_precision(path, poses))
+        problem = LandingProblem(
+            parameters, views, precision, view_precision(path, poses), huber_limit(observations)
+        )
         solution = minimise(problem, shared, poses, steps=MAX_ITERATIONS, tolerance=tolerance)
         shared, poses = solution.shared, solution.blocks
         iterations += solution.iterations
@@ -187,7 +190,7 @@ def fit_joint(
             break
         if tolerance != rounds[-1]:
             evidence, apparent = marginal_likelihood(
-                solution.equations, shared, freedom, sigma, parameters
+                solution.equations, shared, freedom, sigma, parameters, merged
             )
             sigma, smoothness = maximise_evidence(evidence, apparent, smoothness)
     reduced = solution.equations.eliminate_blocks()
@@ -198,7 +201,9 @@ def fit_joint(
     covariance = covariance if finite else torch.full_like(covariance, torch.nan)
     log_evidence = -math.inf
     if finite:
-        evidence, _ = marginal_likelihood(solution.equations, shared, freedom, sigma, parameters)
+        evidence, _ = marginal_likelihood(
+            solution.equations, shared, freedom, sigma, parameters, merged
+        )
         # The evidence takes the error at the minimum of its quadratic, which a fit that is stuck
         # does not reach.
         gradient = reduced.gradient + precision @ shared
@@ -226,17 +231,19 @@ def marginal_likelihood(
     freedom: int,
     sigma: float,
     parameters: Parameters,
+    merged_squares: float = 0.0,
 ) -> tuple[MarginalLikelihood, float]:
     """Return the evidence as a function of noise and smoothness, and the RMS residual, px per axis.
 
     Args:
         equations: those at the (S,) shared parameters, with the noise `sigma`.
         freedom: the number of residuals minus that of the view parameters.
+        merged_squares: px^2, those of `Observations`.
     """
     reduced = equations.eliminate_blocks()
     hessian = reduced.hessian.cpu().numpy() * sigma**2
     gradient = reduced.gradient.cpu().numpy() * sigma**2
-    square = equations.sum_of_squares * sigma**2
+    square = equations.sum_of_squares * sigma**2 + merged_squares
     quadratic = Quadratic.around(hessian, gradient, square, freedom, shared.cpu().numpy())
     glass = parameters.glass_prior
     joint_root = partial(parameters.joint_root, glass=glass) if glass else None

@@ -3,6 +3,7 @@ can explain.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,13 +107,19 @@ def _without_polynomial(residuals: NDArray[np.float64], board: Board) -> NDArray
     detected = np.isfinite(residuals).all(1)
     count = detected.sum()
     degree = next((d for d in range(MAX_DEGREE, 0, -1) if 3 * (d + 1) * (d + 2) / 2 <= count), 0)
-    x, y = (board.points() / board.half).T
-    terms = np.stack([x**i * y**k for i in range(degree + 1) for k in range(degree + 1 - i)], 1)
+    terms = _polynomial_terms(board, degree)
     remainder = residuals.copy()
     if detected.any():
         solution = np.linalg.lstsq(terms[detected], residuals[detected], rcond=None)[0]
         remainder[detected] -= terms[detected] @ solution
     return remainder
+
+
+@lru_cache(maxsize=4)
+def _polynomial_terms(board: Board, degree: int) -> NDArray[np.float64]:
+    """Return the (corners of the board, n) terms of a polynomial of the board's coordinates."""
+    x, y = (board.points() / board.half).T
+    return np.stack([x**i * y**k for i in range(degree + 1) for k in range(degree + 1 - i)], 1)
 
 
 def _second_differences(residuals: NDArray[np.float64], board: Board) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from calib.estimation.levenberg_marquardt import RowLinearised
 from calib.estimation.normal_equations import LinearisedBlocks
+from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ResidualBlock
 from calib.optics.board_polynomials import bend_sigma
@@ -47,6 +48,14 @@ def view_precision(path: Path, blocks: Tensor) -> Tensor:
             for sigma in sigmas[block]
         ]
     )
+
+
+def huber_limit(observations: Observations) -> float:
+    """Return the limit of Huber's loss. An average of many corners weighs more, and what all its
+    members have in common may be as large as for one corner: outliers are left out of it before.
+    """
+    count = 2 * len(observations.pixels)
+    return HUBER * math.sqrt(observations.residual_count / count) if count else HUBER
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """The detected corners of all views as tensors, a row for each corner."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,11 @@ from torch import Tensor
 from calib.corners.view import View
 from calib.optics.exposure import Exposure
 from calib.session.board import Board
+
+BATCH_SIZE = 8192
+"""The number of corners whose rays are in memory together: 0.1 GB with their derivatives by 16x16
+centres.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +39,12 @@ class Observations:
     points of a target whose covariances are known. The mean of both variances is that of the
     weight. None: they are equal.
     """
+    merged: int = 0
+    """The number of corners for which averages of several stand, less that of the averages
+    (`corner_cells`).
+    """
+    merged_squares: float = 0.0
+    """px^2, the squares of the errors of these corners about their averages, by their weights."""
 
     @staticmethod
     def of(views: Sequence[View], board: Board) -> "Observations":
@@ -67,6 +78,8 @@ class Observations:
             starts=starts,
             exposure=self.exposure and self.exposure[rows],
             whitening=None if self.whitening is None else self.whitening[rows],
+            merged=self.merged,
+            merged_squares=self.merged_squares,
         )
 
     def without_views(self, views: Tensor) -> "Observations":
@@ -126,6 +139,31 @@ class Observations:
             exposure=self.exposure and self.exposure[rows],
             whitening=None if self.whitening is None else self.whitening[rows],
         )
+
+    def batches(self, size: int = BATCH_SIZE) -> Iterator["Observations"]:
+        """Yield consecutive rows, about `size` at a time, for what is computed row by row. Each
+        batch has all views; most have no row in it.
+        """
+        count = len(self.pixels)
+        if count <= size:
+            yield self
+            return
+        for first in range(0, count, size):
+            rows = slice(first, first + size)
+            yield Observations(
+                names=self.names,
+                pixels=self.pixels[rows],
+                corners=self.corners[rows],
+                weight=self.weight[rows],
+                starts=(self.starts - first).clamp(0, min(size, count - first)),
+                exposure=self.exposure and self.exposure[rows],
+                whitening=None if self.whitening is None else self.whitening[rows],
+            )
+
+    @property
+    def residual_count(self) -> int:
+        """The number of residuals: two for each corner, also for one that an average stands for."""
+        return 2 * (len(self.pixels) + self.merged)
 
     @property
     def view(self) -> Tensor:

@@ -19,6 +19,8 @@ from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.session.parameter_names import CAMERA
 
+TOLERANCE = 1e-10
+"""A pose has converged when a step lowers its squares by less than this fraction."""
 MIN_FORWARD = 0.1
 """The smallest z of a unit direction that counts for the start of a pose: directions more than 84
 degrees from the middle of their view are too flat.
@@ -58,22 +60,35 @@ def opencv_intrinsics(values: Values) -> tuple[NDArray[np.float64], NDArray[np.f
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), coefficients
 
 
-def refine_poses(path: Path, values: Values, observations: Observations, poses: Tensor) -> Solution:
+def refine_poses(
+    path: Path,
+    values: Values,
+    observations: Observations,
+    poses: Tensor,
+    tolerance: float = TOLERANCE,
+) -> Solution:
     """Refine each view's pose through the cover, with the paper's objective: squared distances on
     the board (equation 2).
 
     Args:
         poses: (V, 6) to start from.
+        tolerance: the fraction of the squares by which a last step would lower them.
 
     Returns:
         The solution; its blocks are the (V, 6) poses.
     """
     # A corner whose ray never leaves the cover carries no information about its board.
-    rays = path.trace(observations.pixels, values, observations.exposure)
-    observations = observations.select_rows(rays.failure == 0)
+    failures = [path.trace(b.pixels, values, b.exposure).failure for b in observations.batches()]
+    observations = observations.select_rows(torch.cat(failures) == 0)
     eye = torch.eye(2, dtype=poses.dtype, device=poses.device)
     return _refine(
-        path, values, observations, poses, eye * observations.weight[:, None, None], torch.inf
+        path,
+        values,
+        observations,
+        poses,
+        eye * observations.weight[:, None, None],
+        torch.inf,
+        tolerance,
     )
 
 
@@ -84,7 +99,7 @@ def refine_poses_in_image(
     poses: Tensor,
     *,
     sigma: float = 1.0,
-    tolerance: float = 1e-10,
+    tolerance: float = TOLERANCE,
 ) -> Solution:
     """Refine each view's pose to the least reprojection error, robust against single bad corners
     beyond three times sigma (px); otherwise like `refine_poses`.
@@ -120,7 +135,7 @@ def _refine(
     poses: Tensor,
     weights: Tensor,
     huber: float,
-    tolerance: float = 1e-10,
+    tolerance: float,
 ) -> Solution:
     parameters = Parameters.none(values)
     blocks = tuple(make_residual_blocks(path, parameters, observations, weights))

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from calib.estimation.corner_cells import spread_part
 from calib.estimation.observations import Observations
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -15,12 +16,15 @@ has a third of it.
 
 def height_spread(path: Path, values: Values, observations: Observations) -> float:
     """Return the standard deviation, m, of the relief's height at the points where corners' rays
-    leave it (the mean is thickness); 0 without a relief.
+    leave it (the mean is thickness), of a part of very many corners; 0 without a relief.
     """
     outer = path.cover[-1:]
     if not outer or not path.relief:
         return 0.0
-    rays = path.trace(observations.pixels, values, observations.exposure)
-    _, values = path.adjust_pixels(observations.pixels, values, observations.exposure)
-    heights = outer[0].relief_height(outer[0].frame.at(values).enter(rays.origin), values)
-    return float(np.std(heights.numpy()[rays.failure.numpy() == 0]))
+    heights = []
+    for batch in spread_part(observations).batches():
+        rays = path.trace(batch.pixels, values, batch.exposure)
+        _, adjusted = path.adjust_pixels(batch.pixels, values, batch.exposure)
+        points = outer[0].frame.at(adjusted).enter(rays.origin)
+        heights.append(outer[0].relief_height(points, adjusted).numpy()[rays.failure.numpy() == 0])
+    return float(np.std(np.concatenate(heights)))

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from calib.estimation.normal_equations import LinearisedBlocks
-from calib.estimation.observations import Observations
+from calib.estimation.observations import BATCH_SIZE, Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.probes import shared_columns
 from calib.optics import rotation
@@ -34,9 +34,6 @@ from calib.optics.lens import PIXELS
 from calib.optics.params import Values
 from calib.optics.path import OWN, Path, Trace
 from calib.optics.rays import Rays
-
-BATCH_SIZE = 8192
-"""The number of corners whose derivatives are in memory together: 0.1 GB with 16x16 centres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,6 +238,15 @@ def pixel_weights(
     e_px = -(d x_cb / d p)^-1 (x_cb(p) - x_true); sigma is px per axis, divided by each corner's
     weight.
     """
+    return torch.cat(
+        [_pixel_weights(path, values, batch, poses, sigma) for batch in observations.batches()]
+    )
+
+
+def _pixel_weights(
+    path: Path, values: Values, observations: Observations, poses: Tensor, sigma: float
+) -> Tensor:
+    """Return the `pixel_weights` of few corners."""
     blocks = blocks_of_size(poses.shape[1])
     cameras = [
         poses[:, columns]

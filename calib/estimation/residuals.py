@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.estimation.observations import Observations
+from calib.optics.board_target import Placement
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.projection import project
@@ -48,31 +49,40 @@ class Residuals:
 
 def residuals(path: Path, values: Values, observations: Observations, poses: Tensor) -> Residuals:
     """Return the residuals of all corners, with the boards at (V, 6) poses."""
-    row_poses = poses[observations.view]
-    exposure = observations.exposure
-    offset, failure = path.land_beside(
-        observations.corners, observations.pixels, values, row_poses, exposure
+    parts = [_residuals(path, values, batch, poses) for batch in observations.batches()]
+    return Residuals(
+        torch.cat([part.image for part in parts]), torch.cat([part.board for part in parts])
     )
+
+
+def _residuals(path: Path, values: Values, observations: Observations, poses: Tensor) -> Residuals:
+    """Return the residuals of few corners."""
+    exposure = observations.exposure
+    boards = Placement.of(poses)[observations.view].at_exposure(exposure)
+    values_of_rows = path.values_of_views(values, poses[observations.view])
+    trace = None
+    if not path.directly_projects:  # then the projection starts with these rays
+        trace = path.trace_with_derivatives(
+            observations.pixels, values_of_rows, exposure, frozenset()
+        )
+    rays = trace.rays if trace else path.trace(observations.pixels, values_of_rows, exposure)
+    corners, planes = path.planes(observations.corners, boards)
+    landed, failure = path.target(rays, planes, values)
+    offset = landed - corners
     board = torch.where((failure != 0).unsqueeze(-1), torch.full_like(offset, torch.nan), offset)
-    values_of_rows = path.values_of_views(values, row_poses)
-    rays = None
-    if path.target.glass:
-        rays = path.trace(observations.pixels, values_of_rows, exposure)
-    points = path.place(observations.corners, values, row_poses, exposure, rays)
-    projected = project(path, values_of_rows, points, exposure, start=observations.pixels)
+    through = rays if path.target.glass else None
+    points = path.target.place(observations.corners, boards, values, through)
+    projected = project(path, values_of_rows, points, exposure, observations.pixels, trace)
     return Residuals(projected - observations.pixels, board)
 
 
 def reach_board(path: Path, values: Values, observations: Observations, poses: Tensor) -> Tensor:
     """Return (M,) true where a corner's ray reaches the board, with boards at (V, B) poses."""
-    failure = path.land_beside(
-        observations.corners,
-        observations.pixels,
-        values,
-        poses[observations.view],
-        observations.exposure,
-    )[1]
-    return failure == 0
+    failures = [
+        path.land_beside(batch.corners, batch.pixels, values, poses[batch.view], batch.exposure)[1]
+        for batch in observations.batches()
+    ]
+    return torch.cat(failures) == 0
 
 
 def _rms(errors: Tensor) -> float:

@@ -13,7 +13,7 @@ import torch
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import UNEVEN_GLASS, JointFit, marginal_likelihood
 from calib.estimation.normal_equations import normal_equations
-from calib.estimation.objective import LandingProblem, view_precision
+from calib.estimation.objective import LandingProblem, huber_limit, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
@@ -46,10 +46,13 @@ def uneven_log_odds(
         tuple(make_residual_blocks(path, parameters, observations, weights, values)),
         shared.new_zeros(len(shared), len(shared)),
         view_precision(path, joint.poses),
+        huber_limit(observations),
     )
     equations = normal_equations(problem.linearise(shared, joint.poses))
-    freedom = 2 * len(observations.pixels) - joint.poses.numel()
-    likelihood, apparent = marginal_likelihood(equations, shared, freedom, joint.sigma, parameters)
+    freedom = observations.residual_count - joint.poses.numel()
+    likelihood, apparent = marginal_likelihood(
+        equations, shared, freedom, joint.sigma, parameters, observations.merged_squares
+    )
     start = replace(UNEVEN_GLASS, figure=0.0)
     sigma, texture = maximise_evidence(likelihood, apparent, start)
     even = Smoothness(MIN_HEIGHT, start.length, figure=0.0)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.estimation.objective import LandingProblem, view_precision
+from calib.estimation.objective import LandingProblem, huber_limit, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.orthogonal_projection import orthonormal_basis, subtract_projection
 from calib.estimation.parameters import Parameters
@@ -114,7 +114,11 @@ def landing_problem(
         weights = pixel_weights(path, parameters.origin, observations, poses, sigma)
     views = tuple(make_residual_blocks(path, parameters, observations, weights))
     return LandingProblem(
-        parameters, views, poses.new_zeros(parameters.count).diag(), view_precision(path, poses)
+        parameters,
+        views,
+        poses.new_zeros(parameters.count).diag(),
+        view_precision(path, poses),
+        huber_limit(observations),
     )
 
 

@@ -23,7 +23,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.orthogonal_projection import project_out
-from calib.estimation.view_equations import ViewEquations, view_equations
+from calib.estimation.view_equations import view_equations
 from calib.inference.fitted_model import FittedModel
 from calib.session.board import Board
 
@@ -44,17 +44,17 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _ViewBend:
-    """A view's quadratic cost as a function of the bend in its own frame."""
+class _ViewBends:
+    """The quadratic costs of V views as functions of the bend in each view's own frame."""
 
     information: Array
-    """(k, k) of the bend's parameters, the view's pose eliminated."""
+    """(V, k, k) of the bend's parameters, the view's pose eliminated."""
     score: Array
-    """(k,) information times the best bend of this view."""
+    """(V, k) information times the best bend of each view."""
 
-    def cost(self, bend: Array) -> float:
-        """Return the squares over the noise variance, up to a constant."""
-        return float(bend @ self.information @ bend - 2 * self.score @ bend)
+    def costs(self, bend: Array) -> Array:
+        """Return the (V,) squares over the noise variance, up to a constant."""
+        return np.asarray(self.information @ bend @ bend - 2 * self.score @ bend)
 
 
 def find_turned(
@@ -80,14 +80,15 @@ def find_turned(
     unturned = _cost(views, still, _best_bend(views, still, turn, prior), turn, prior)
     best = still
     lowest = unturned
-    strongest = sorted(range(len(views)), key=lambda i: -np.trace(views[i].information))
-    for start in strongest[:MAX_STARTS]:
-        own = views[start]
-        middle = np.asarray(np.linalg.solve(own.information + prior, own.score), np.float64)
+    strongest = np.argsort(-np.trace(views.information, axis1=1, axis2=2), kind="stable")
+    for start in strongest[:MAX_STARTS].tolist():
+        middle = np.asarray(
+            np.linalg.solve(views.information[start] + prior, views.score[start]), np.float64
+        )
         assigned = still
         for _ in range(MAX_ROUNDS):
             previous = assigned
-            assigned = np.array([v.cost(turn @ middle) < v.cost(middle) for v in views])
+            assigned = views.costs(turn @ middle) < views.costs(middle)
             middle = _best_bend(views, assigned, turn, prior)
             if (assigned == previous).all():
                 break
@@ -125,7 +126,7 @@ def describe_turned(names: Sequence[str], turn: str = "a quarter turn", verb: st
 
 def _view_bends(
     model: CameraModel, observations: Observations, joint: JointFit, bend: BoardShape
-) -> list[_ViewBend]:
+) -> _ViewBends:
     """Return the cost of each view around the fit, with all shared parameters but the bend held."""
     fitted = FittedModel(model, observations, joint)
     free = tuple(number.param for number in bend.effect_parameters)
@@ -138,10 +139,11 @@ def _view_bends(
         joint.sigma,
         fitted.weights,
     )
-    return [
-        _ViewBend(reduced.information, -reduced.jacobian.T @ reduced.residual)
-        for reduced in map(ViewEquations.reduce, equations)
-    ]
+    reduced = [view.reduce() for view in equations]
+    return _ViewBends(
+        np.stack([view.information for view in reduced]),
+        np.stack([-view.jacobian.T @ view.residual for view in reduced]),
+    )
 
 
 def _quarter_turn(bend: BoardShape) -> Array:
@@ -162,27 +164,19 @@ def _heights(bend: BoardShape, u: Tensor, v: Tensor) -> Array:
     return project_out(plane, heights)
 
 
-def _best_bend(
-    views: Sequence[_ViewBend], turned: NDArray[np.bool_], turn: Array, prior: Array
-) -> Array:
+def _best_bend(views: _ViewBends, turned: NDArray[np.bool_], turn: Array, prior: Array) -> Array:
     """Return the (k,) bend with the smallest cost, given which views are turned."""
-    information = prior.copy()
-    score = np.zeros(len(prior))
-    for view, is_turned in zip(views, turned.tolist(), strict=True):
-        matrix = turn if is_turned else np.eye(len(turn))
-        information += matrix.T @ view.information @ matrix
-        score += matrix.T @ view.score
+    of_turned = views.information[turned].sum(0)
+    information = prior + turn.T @ of_turned @ turn + views.information[~turned].sum(0)
+    score = turn.T @ views.score[turned].sum(0) + views.score[~turned].sum(0)
     return np.asarray(np.linalg.solve(information, score))
 
 
 def _cost(
-    views: Sequence[_ViewBend], turned: NDArray[np.bool_], bend: Array, turn: Array, prior: Array
+    views: _ViewBends, turned: NDArray[np.bool_], bend: Array, turn: Array, prior: Array
 ) -> float:
     """Return the squares over the noise variance, given which views are turned, up to a
     constant.
     """
-    own = (
-        view.cost(turn @ bend if is_turned else bend)
-        for view, is_turned in zip(views, turned.tolist(), strict=True)
-    )
-    return sum(own) + float(bend @ prior @ bend)
+    costs = np.where(turned, views.costs(turn @ bend), views.costs(bend))
+    return float(costs.sum() + bend @ prior @ bend)

@@ -84,6 +84,7 @@ def _cells(calibration: Calibration, pixels: Array) -> tuple[Mask, Mask]:
     return has_corners, has_corners | forward
 
 
+@lru_cache(maxsize=1)  # a report and its verdict ask several times
 def corner_points(calibration: Calibration) -> Array:
     """Return (M, 3) m, the corners of the fitted views in the camera frame."""
     path, values = calibration.model()

@@ -191,7 +191,14 @@ def _with_uncertainty(
     loose = loose_names(setup.intrinsics, setup.cover)
     labels = pose_labels(views)
     return count_views(
-        fitted.model, observations, fitted.joint, labels, session.board, session.camera, loose
+        fitted.model,
+        observations,
+        fitted.joint,
+        labels,
+        session.board,
+        session.camera,
+        loose,
+        fitted.on_averages.observations if fitted.on_averages else None,
     )
 
 

@@ -24,7 +24,7 @@ from calib.fitting.differing import possible_shifts
 from calib.fitting.valleys import widen_valleys, with_variance
 from calib.inference.board_bend import possible_print_shifts, possible_prints
 from calib.inference.effect_context import effect_context
-from calib.inference.fitted_model import FittedModel
+from calib.inference.fitted_model import MAX_VIEWS, FittedModel
 from calib.inference.view_scatter import ViewScatter
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
@@ -38,8 +38,6 @@ numbers differ from view to view. Noise alone gives 0.8 to 1.2.
 """
 SCATTERED_POINTS = 2.0
 """The same of a target of points, whose systematic errors of 0.002 px scatter by 1.4."""
-MAX_VIEWS = 500
-"""The largest number of views of which it is asked: time and memory grow with its square."""
 EFFECTS_STAGE = "cover+rbf+effects"
 LOOSE = 3.0
 """The stated standard deviation over the usual tolerance, above which a number of the cover is as
@@ -89,6 +87,7 @@ def count_views(
     board: Board,
     camera: Camera,
     loose: Sequence[str] = (),
+    averages: Observations | None = None,
 ) -> tuple[JointFit, Uncertainty]:
     """Return the fit with a covariance that counts views and corners of the board, and how it
     counts them. Where views scatter, it has the shift by numbers that seem to differ from view to
@@ -96,8 +95,11 @@ def count_views(
 
     Args:
         loose: the names of the numbers with wide priors, of which the profile is asked as well.
+        averages: the averages of the corners, if they are known.
     """
-    fitted = FittedModel(model, observations, joint)
+    fitted = FittedModel(model, averages or observations, joint)
+    if joint.finite:
+        fitted = fitted.averaged()
     prints = possible_prints(fitted, board)
     views = [view.reduce() for view in fitted.equations(prints)] if joint.finite else []
     scatter = ViewScatter.of(fitted, labels, views)
@@ -124,7 +126,7 @@ def count_views(
         context = effect_context(fitted, board, camera, locate=False)
         shifts = possible_shifts(fitted, context)
         wide = replace(wide, covariance=wide.covariance + torch.from_numpy(shifts))
-    wide, variances = widen_valleys(model, observations, joint, wide, of_cover)
+    wide, variances = widen_valleys(model, fitted.observations, joint, wide, of_cover)
     if not joint.finite:
         return wide, uncertainty
     limits = _limits_by_priors(joint)

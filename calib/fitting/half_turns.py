@@ -89,7 +89,10 @@ def _turned_back(
     as_they_are = _at_optimum(fitted, views, setup)
     if not (as_they_are and settings.estimates_bend):
         return None
-    turned = _most_probable_turns(as_they_are, setup)
+    # A part of very many views shows whether any board is turned.
+    turned = _most_probable_turns(as_they_are.some_views(), setup)
+    if turned.any() and len(turned) < len(views):
+        turned = _most_probable_turns(as_they_are, setup)
     if not turned.any():
         return None
     renumbered, refitted = _renumbered(views, turned, setup, settings, progress)
@@ -148,9 +151,13 @@ def _with_clear_views(
 
 
 def _at_optimum(fitted: Fitted, views: Sequence[View], setup: Setup) -> FittedModel | None:
-    """Return a joint fit that converged, with its observations; None without one."""
+    """Return a joint fit that converged, with its observations or their averages; None without
+    one.
+    """
     if not (fitted.model and fitted.joint and fitted.joint.finite):
         return None
+    if fitted.on_averages:
+        return FittedModel(fitted.model, fitted.on_averages.observations, fitted.joint)
     return FittedModel(fitted.model, Observations.of(views, setup.board), fitted.joint)
 
 

@@ -72,27 +72,47 @@ def find_other_lens(
     if not (uneven.relief and uneven.joint and is_chosen and is_stated):
         return None
     observations = Observations.of(views, setup.board)
+    if asked := uneven.on_averages:
+        even_fit = _even_fit(_widened(setup, names), asked.observations, settings, uneven, progress)
+        if not _competes(even_fit, replace(uneven, joint=asked.joint), setup, names):
+            return None
     while True:
         wider = _widened(setup, names)
-        even_fit = fit_stages(
-            wider,
-            observations,
-            replace(settings, grid=EVEN_GRID),
-            progress,
-            decided=uneven,
-            purpose="another lens",
-        )
-        if not even_fit.joint:
-            return None
-        log_odds = even_fit.joint.log_evidence - uneven.joint.log_evidence
-        differing = _differing(even_fit.joint, setup, names)
-        if not (differing and _is_possible(even_fit.joint, setup, differing)):
-            return None
-        if log_odds < -MIN_LOG_ODDS or not even_fit.leaves_noise(views, setup.board):
+        even_fit = _even_fit(wider, observations, settings, uneven, progress)
+        differing = _competes(even_fit, uneven, setup, names)
+        if not (differing and even_fit.joint and even_fit.leaves_noise(views, setup.board)):
             return None
         if differing == names:
+            log_odds = even_fit.joint.log_evidence - uneven.joint.log_evidence
             return OtherLens(even_fit, wider, names, log_odds)
         names = differing
+
+
+def _even_fit(
+    wider: Setup, observations: Observations, settings: Settings, uneven: Fitted, progress: Progress
+) -> Fitted:
+    """Return the fit of even glass with the board's bend of the fit of uneven glass."""
+    return fit_stages(
+        wider,
+        observations,
+        replace(settings, grid=EVEN_GRID),
+        progress,
+        decided=uneven,
+        purpose="another lens",
+    )
+
+
+def _competes(even: Fitted, uneven: Fitted, setup: Setup, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the numbers whose estimates contradict the setup; none where even glass
+    is far less probable than uneven glass, or the lens is not possible.
+    """
+    if not (even.joint and uneven.joint):
+        return ()
+    differing = _differing(even.joint, setup, names)
+    if not (differing and _is_possible(even.joint, setup, differing)):
+        return ()
+    log_odds = even.joint.log_evidence - uneven.joint.log_evidence
+    return differing if log_odds >= -MIN_LOG_ODDS else ()
 
 
 def _widened(setup: Setup, names: Sequence[str]) -> Setup:

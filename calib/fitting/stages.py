@@ -20,11 +20,12 @@ from calib.effects.board_shape import DEGREES, BoardShape
 from calib.effects.effect import Effect
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.corner_cells import average_corners, is_large, spread_part
 from calib.estimation.gradient_fit import descend
 from calib.estimation.joint_fit import FIRST_SIGMA, GOOD_GLASS, ROUNDS, JointFit, Start
 from calib.estimation.noise import corner_noise
 from calib.estimation.observations import Observations
-from calib.estimation.poses import pinhole_poses, refine_poses
+from calib.estimation.poses import TOLERANCE, pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness, expected_amplitudes
@@ -65,6 +66,13 @@ MIN_LOG_ODDS = math.log(100)
 """The least log odds of uneven glass, or of a bent board behind even glass, against less."""
 PINHOLE_STAGE = "pinhole"
 COVER_STAGE = "cover+rbf"
+START_TOLERANCE = 1e-6
+"""The same as `TOLERANCE` for the start of a fit to very many corners."""
+LAST_ROUNDS = (3e-4, 1e-6)
+"""The tolerances of a fit to very many corners that starts next to its optimum. Where it ends, a
+step would lower the squares of a million corners by 2 or less in all, for thousands of numbers:
+each is about a hundredth of its standard deviation from the optimum.
+"""
 LINEARISATIONS = 12
 """Length of the progress bar: a joint fit takes about as many."""
 
@@ -116,6 +124,14 @@ class Setup:
 
 
 @dataclass(frozen=True, slots=True)
+class OnAverages:
+    """Averages of the corners of a session with very many, and a fit to them: for questions."""
+
+    observations: Observations
+    joint: JointFit
+
+
+@dataclass(frozen=True, slots=True)
 class Fitted:
     """The model, poses and residuals after the last stage."""
 
@@ -130,6 +146,8 @@ class Fitted:
     """The model of the joint fit; None without one."""
     turned: tuple[str, ...] = ()
     """The views that show the board turned by a quarter turn. This fit has them as they are."""
+    on_averages: OnAverages | None = None
+    """The fit of the same model to averages of the corners; None if they are not very many."""
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -188,11 +206,12 @@ def fit_stages(
     if is_bare:
         model = job.model(path, means)
         start = earlier.joint.start if earlier and earlier.joint else job.initial(values)
-        joint = model.fit(observations, earlier.poses if earlier else poses, start, ROUNDS)
-        return job.finish(model, joint)
+        joint = job.part.fit(model, earlier.poses if earlier else poses, start)
+        return job.finish_all(model, joint)
     path, means = covered_path(setup.intrinsics, setup.cover)
     values = setup.initial_values(means)
-    poses = refine_poses(path, values, observations, poses).blocks
+    tolerance = START_TOLERANCE if is_large(observations) else TOLERANCE
+    poses = refine_poses(path, values, observations, poses, tolerance).blocks
     residual = residuals(path, values, observations, poses)
     _check_cover(residual)
     stages = (*stages, _stage("cover", residual))
@@ -289,6 +308,29 @@ class _Job:
         effects = self.decided.effects if self.decided else ()
         return CameraModel(path, values, priors).with_effects(effects)
 
+    @property
+    def part(self) -> _Job:
+        """The same with a part of the corners, if they are very many: what it finds is the start of
+        `complete`.
+        """
+        part = spread_part(self.observations)
+        return self if part is self.observations else replace(self, observations=part)
+
+    def complete(self, model: CameraModel, joint: JointFit) -> tuple[JointFit, OnAverages | None]:
+        """Return the fit to all corners, from that to a part of them. Between these two, a fit to
+        averages of all corners comes so near to the optimum that one step of all corners remains.
+        """
+        observations = self.observations
+        if not is_large(observations) or not joint.finite:
+            return joint, None
+        path, values, poses = model.path, joint.values, joint.poses
+        averages = average_corners(path, values, observations, poses, joint.sigma)
+        near = replace(self, observations=averages).fit(model, poses, joint.start)
+        if not near.finite:
+            return near, None
+        on_averages = OnAverages(averages, near)
+        return self.fit(model, near.poses, near.start, LAST_ROUNDS), on_averages
+
     def log_odds_of_texture(self, model: CameraModel, joint: JointFit) -> tuple[float, Smoothness]:
         """Return `uneven_log_odds` of the fit of a model without a relief."""
         relief = _relief(self, model.path, joint.values)
@@ -319,6 +361,13 @@ class _Job:
         advance(LINEARISATIONS, "")
         return joint
 
+    def finish_all(
+        self, model: CameraModel, joint: JointFit, relief: Relief | None = None
+    ) -> Fitted:
+        """Return `finish` of the fit to all corners, from that to a part of them."""
+        completed, on_averages = self.complete(model, joint)
+        return self.finish(model, completed, relief, on_averages)
+
     def is_possible(self, model: CameraModel, joint: JointFit) -> bool:
         """Return True if the cover's estimated numbers are within the limits of what a session may
         declare, and not far from what this one declares.
@@ -333,7 +382,13 @@ class _Job:
                     return False
         return True
 
-    def finish(self, model: CameraModel, joint: JointFit, relief: Relief | None = None) -> Fitted:
+    def finish(
+        self,
+        model: CameraModel,
+        joint: JointFit,
+        relief: Relief | None = None,
+        on_averages: OnAverages | None = None,
+    ) -> Fitted:
         """Return the fit of a flat board, or that of a bent one if the views show the bend."""
         residual = residuals(model.path, joint.values, self.observations, joint.poses)
         flat = _stage(COVER_STAGE if model.path.cover else PINHOLE_STAGE, residual)
@@ -343,11 +398,16 @@ class _Job:
         turned: tuple[str, ...] = ()
         if self.decides_bend:
             board = self.setup.board
-            is_turned = find_turned(model, self.observations, joint, board)
+            asked = on_averages or OnAverages(self.observations, joint)
+            is_turned = find_turned(model, asked.observations, asked.joint, board)
             turned = tuple(compress(self.observations.names, is_turned))
-            model, decided = estimate_board(model, self.observations, joint, board, self.labels)
-            if decided is not joint:
+            model, decided = estimate_board(
+                model, asked.observations, asked.joint, board, self.labels
+            )
+            if decided is not asked.joint:
                 joint = decided
+                if on_averages:
+                    joint, on_averages = self.complete(model, decided)
                 residual = residuals(model.path, joint.values, self.observations, joint.poses)
         if model.effects:
             stages = (*stages, _stage(EFFECTS_STAGE, residual))
@@ -361,6 +421,7 @@ class _Job:
             joint=joint,
             model=model,
             turned=turned,
+            on_averages=on_averages,
         )
 
 
@@ -377,27 +438,36 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
     is_known = job.setup.cover.glass is not None
     if was_uneven or is_known:
         return _fit_uneven(job, even, poses, earlier, start)
-    smooth = job.fit(even, poses, start)
+    part, on_averages = job.part, None
+    smooth = part.fit(even, poses, start)
     if job.surface == EVEN or not smooth.finite:
-        return job.finish(even, smooth)
-    log_odds, texture = job.log_odds_of_texture(even, smooth)
+        return job.finish_all(even, smooth)
+    log_odds, texture = part.log_odds_of_texture(even, smooth)
     # With every number held, nothing but the glass could make up for their errors.
-    if job.surface == AUTO_SURFACE and even.priors.sigmas and log_odds < MIN_LOG_ODDS:
-        return job.finish(even, smooth)
+    is_asked = job.surface == AUTO_SURFACE and bool(even.priors.sigmas)
+    if is_asked and part is not job and log_odds < MIN_LOG_ODDS:
+        part = job
+        smooth, on_averages = job.complete(even, smooth)
+        log_odds, texture = job.log_odds_of_texture(even, smooth)
+    if is_asked and log_odds < MIN_LOG_ODDS:
+        return job.finish(even, smooth, None, on_averages)
     if not job.is_possible(even, smooth):
         # Even glass has no bumps, and its numbers went elsewhere to imitate them.
         return _fit_uneven(job, even, poses, None, start)
     start = replace(smooth.start, smoothness=texture)
-    bent = _fit_bent(job, even, smooth, log_odds) if job.decides_bend else None
+    bent = _fit_bent(part, even, smooth, log_odds) if job.decides_bend else None
     if not (bent and bent.model and bent.joint):
         return _fit_uneven(job, even, smooth.poses, None, start)
-    log_odds, texture = job.log_odds_of_texture(bent.model, bent.joint)
+    log_odds, texture = part.log_odds_of_texture(bent.model, bent.joint)
     if job.surface == AUTO_SURFACE and log_odds < MIN_LOG_ODDS:
-        return bent
+        if part is job:
+            return bent
+        finished = replace(job, decided=bent).finish_all(bent.model, bent.joint)
+        return replace(finished, turned=bent.turned)
     # A relief of a flat board is fitted roughly, for the error that the bend removes.
     flat = _with_relief(job, even, _relief(job, even.path, job.setup.initial_values(even.means)))
-    rough = job.fit(flat, smooth.poses, start, ROUNDS[:1])
-    residual = residuals(flat.path, rough.values, job.observations, rough.poses)
+    rough = part.fit(flat, smooth.poses, start, ROUNDS[:1])
+    residual = residuals(flat.path, rough.values, part.observations, rough.poses)
     stages = (*job.stages, _stage(COVER_STAGE, residual), bent.stages[-1])
     job = replace(job, decided=replace(bent, stages=stages))
     start = replace(bent.joint.start, smoothness=texture)
@@ -436,10 +506,11 @@ def _fit_uneven(
     start = start or Start(even.means, FIRST_SIGMA, GOOD_GLASS)
     if earlier and earlier.relief:
         model = _with_relief(job, even, earlier.relief)
-        return job.finish(model, job.fit(model, poses, start), earlier.relief)
+        return job.finish_all(model, job.part.fit(model, poses, start), earlier.relief)
     relief = _relief(job, even.path, job.setup.initial_values(even.means))
     model = _with_relief(job, even, relief)
-    joint = job.fit(model, poses, start, ROUNDS[:1])
+    part = job.part
+    joint = part.fit(model, poses, start, ROUNDS[:1])
     for is_last in (False, True):
         start = joint.start
         if not _matches(job, relief, even.path, joint.values):
@@ -450,8 +521,8 @@ def _fit_uneven(
             start = replace(start, values={**start.values, **flat})
         elif is_last:
             break
-        joint = job.fit(model, joint.poses, start)
-    return job.finish(model, joint, relief)
+        joint = part.fit(model, joint.poses, start)
+    return job.finish_all(model, joint, relief)
 
 
 def _with_relief(job: _Job, even: CameraModel, relief: Relief) -> CameraModel:

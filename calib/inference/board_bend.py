@@ -110,8 +110,10 @@ def possible_print_shifts(
     if not prints:
         return np.zeros((count, count))
     (effect,) = prints
-    rows = [np.column_stack((view.jacobian, view.residual)) for view in views]
-    products = np.sum([of_view.T @ of_view for of_view in rows], 0)
+    products = np.zeros(0)
+    for view in views:
+        rows = np.column_stack((view.jacobian, view.residual))
+        products = products + rows.T @ rows if products.size else rows.T @ rows
     precision = fitted.prior_precision()
     entries = fitted.parameters((effect,)).entries(u.param.name for u in effect.effect_parameters)
     coupling = products[:count, entries]

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.corner_cells import average_corners
 from calib.estimation.joint_fit import Estimate, JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
@@ -19,6 +21,9 @@ from calib.estimation.residual_blocks import pixel_weights
 from calib.estimation.view_equations import ViewEquations, information, view_equations
 
 Array = NDArray[np.float64]
+
+MAX_VIEWS = 500
+"""The largest number of views of which it is asked how numbers differ from view to view."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +41,40 @@ class FittedModel:
     model: CameraModel
     observations: Observations
     joint: Estimate
+
+    @property
+    def merged_squares(self) -> float:
+        """The squares of errors about averages of corners, over the noise variance."""
+        return self.observations.merged_squares / self.joint.sigma**2
+
+    def averaged(self, image: Tensor | None = None) -> FittedModel:
+        """Return the same fit with averages of neighbouring corners, of a session with very many
+        (`average_corners`): for questions, which sum over corners whatever is smooth over a board.
+
+        Args:
+            image: (M, 2) px, the reprojection errors, if they are known.
+        """
+        averages = average_corners(
+            self.model.path,
+            self.joint.values,
+            self.observations,
+            self.joint.poses,
+            self.joint.sigma,
+            image,
+        )
+        return replace(self, observations=averages)
+
+    def some_views(self) -> FittedModel:
+        """Return the same fit with at most MAX_VIEWS of the views, spread evenly: for questions of
+        how numbers differ from view to view, whose time grows faster than their number.
+        """
+        count = len(self.observations.names)
+        if count <= MAX_VIEWS:
+            return self
+        chosen = torch.zeros(count, dtype=torch.bool)
+        chosen[torch.linspace(0, count - 1, MAX_VIEWS).round().long()] = True
+        joint = replace(self.joint, poses=self.joint.poses[chosen])
+        return FittedModel(self.model, self.observations.without_views(~chosen), joint)
 
     @property
     def deviation(self) -> Array:
@@ -98,4 +137,4 @@ class FittedModel:
     @property
     def freedom(self) -> int:
         """The number of residuals minus that of the views' own parameters."""
-        return 2 * len(self.observations.pixels) - self.joint.poses.numel()
+        return self.observations.residual_count - self.joint.poses.numel()

@@ -127,13 +127,19 @@ def _test_batch(fitted: FittedModel, effects: Sequence[Effect]) -> list[ScoreTes
         fitted.parameters().count,
         fitted.prior_precision(effects),
         fitted.deviation,
+        fitted.merged_squares,
     )
     tests = []
     for effect in effects:
         if effect.per_view:
             tests.append(
                 _test_view_effect(
-                    effect, views, own_columns, blocks[effect.per_view], fitted.freedom
+                    effect,
+                    views,
+                    own_columns,
+                    blocks[effect.per_view],
+                    fitted.freedom,
+                    fitted.merged_squares,
                 )
             )
         else:
@@ -148,6 +154,7 @@ def _test_view_effect(
     own_columns: NDArray[np.int64],
     added: slice,
     freedom: int,
+    merged_squares: float,
 ) -> ScoreTest:
     """Test an effect with parameters in every view.
 
@@ -155,9 +162,10 @@ def _test_view_effect(
         own_columns: the columns of the views' own parameters in the fit.
         added: the columns of the effect.
         freedom: the degrees of freedom of the residual without the effect.
+        merged_squares: those of `FittedModel`.
     """
     chi2 = 0.0
-    squares = 0.0
+    squares = merged_squares
     dof = 0
     for view in views:
         fitted_columns = view.jacobian_block[:, own_columns]
@@ -199,6 +207,8 @@ class _ReducedSystem:
     """(F,) by the fitted parameters; zero at an exact optimum."""
     precision: Array
     """(S, S) prior precision."""
+    merged_squares: float
+    """That of `FittedModel`."""
 
     @staticmethod
     def of(
@@ -207,6 +217,7 @@ class _ReducedSystem:
         fitted: int,
         precision: Array,
         deviation: Array,
+        merged_squares: float,
     ) -> _ReducedSystem:
         """Reduce the equations; the first `fitted` shared parameters are those of the fit."""
         reduced = [view.reduce(own_columns) for view in views]
@@ -225,6 +236,7 @@ class _ReducedSystem:
             imitation=imitation,
             gradient=fitted_jacobian.T @ residual + prior @ deviation,
             precision=precision,
+            merged_squares=merged_squares,
         )
 
     def test(self, effect: Effect, entries: NDArray[np.int64], freedom: int) -> ScoreTest:
@@ -242,7 +254,7 @@ class _ReducedSystem:
         imitated = self.imitation[:, entries - fitted].T @ self.gradient
         score = effect_columns.T @ self.residual - imitated
         hessian = information + self.precision[np.ix_(entries, entries)]
-        cost = float(self.residual @ self.residual)
+        cost = float(self.residual @ self.residual) + self.merged_squares
         chi2 = max(0.0, float(score @ np.linalg.solve(hessian, score)))
         find_p_value: Callable[[], SupportsFloat]
         if len(score) > len(self.view_residuals) // 3:

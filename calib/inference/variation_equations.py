@@ -193,6 +193,31 @@ class VariationEquations:
         return float(self._shared_products[-1, -1] - self._whitened_score @ self._whitened_score)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sums:
+    """Sums of a group's equations over the views of P sets."""
+
+    diagonal: Array
+    """(P, G, G)"""
+    coupling: Array
+    """(P, S, G)"""
+    score: Array
+    """(P, G)"""
+
+    @staticmethod
+    def of(group: GroupEquations, order: NDArray[np.int64]) -> _Sums:
+        """Return the (V, ...) sums over the first view, the first two views, and so on."""
+        return _Sums(
+            group.diagonal[order].cumsum(0),
+            group.coupling[order].cumsum(0),
+            group.score[order].cumsum(0),
+        )
+
+    def take(self, sets: NDArray[np.int64]) -> _Sums:
+        """Return the sums over some of the sets."""
+        return _Sums(self.diagonal[sets], self.coupling[sets], self.score[sets])
+
+
 @dataclass(frozen=True, eq=False)
 class GroupEquations:
     """The information about the deviations of one group's numbers in all views, in tolerances,
@@ -291,13 +316,14 @@ class GroupEquations:
         for spread in SPREADS:
             growth = 1 + spread**2 * sizes
             weight = spread**2 / growth
-            scaled = low_rank * weight
-            root = np.linalg.cholesky((1 + ROUNDING) * np.eye(len(scaled)) - scaled @ low_rank.T)
-            correction = solve_triangular(root, scaled @ projected, lower=True)
+            scaled = low_rank * np.sqrt(weight)
+            explained_rank = scaled @ scaled.T  # half of the products, because it is symmetric
+            root = np.linalg.cholesky((1 + ROUNDING) * np.eye(len(scaled)) - explained_rank)
+            correction = solve_triangular(root, low_rank @ (weight * projected), lower=True)
             determinants.append(np.log(growth).sum() + 2 * np.log(root.diagonal()).sum())
             explained.append(weight @ projected**2 + correction @ correction)
             back = solve_triangular(root, correction, lower=True, trans="T")
-            solutions.append(weight * projected + back @ scaled)
+            solutions.append(weight * (projected + back @ low_rank))
         gains = self._gains(np.array(determinants), np.array(explained))
         best = int(gains.argmax())
         deviations = -(axes @ solutions[best].reshape(*score.shape, 1))[:, :, 0]
@@ -315,8 +341,7 @@ class GroupEquations:
         """Return the variation of two kinds of views, from a start: deviations of each view's own,
         which differ most between the kinds.
         """
-        divisions = _divisions(self.in_every_view.deviations)
-        best = self.best_variation_along(VariationKind.TWO_KINDS, divisions)
+        best = self.variation_along(VariationKind.TWO_KINDS, self._best_division())
         for _ in range(MAX_PASSES):
             previous = best
             best = self._move_views(best)
@@ -324,25 +349,76 @@ class GroupEquations:
                 break
         return best.penalised((self.count - 1) * float(np.log(2)))
 
+    def _best_division(self) -> Array:
+        """Return the (V,) pattern of two kinds of views that is most probable among those that
+        divide the views in the order of their deviations, along which these differ most.
+        """
+        deviations = self.in_every_view.deviations
+        centred = deviations - deviations.mean(0)
+        projected = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+        order = projected.argsort(kind="stable")[::-1]
+        counts = np.arange(MIN_BLOCK, self.count - MIN_BLOCK + 1)[::-1]  # those of the first kind
+        sums = _Sums.of(self, order)
+        gains = self._gains_of_kinds(sums.take(counts - 1), counts)
+        chosen = np.zeros(self.count, bool)
+        chosen[order[: counts[gains.argmax()]]] = True
+        return centred_pattern(chosen)
+
+    def _gains_of_kinds(self, sums: _Sums, counts: NDArray[np.int64]) -> Array:
+        """Return (P,) the largest gains of P divisions of the views into two kinds, from the (P,)
+        numbers of views of the first kind and the sums over them: the patterns are centred, and
+        what is quadratic or linear in them follows from such sums.
+        """
+        share = counts / self.count
+        variance = np.maximum(share * (1 - share), 1e-300)[:, None, None]
+        share = share[:, None, None]
+        every = self._sums_of_all
+        diagonal = ((1 - 2 * share) * sums.diagonal + share**2 * every.diagonal) / variance
+        coupling = (sums.coupling - share * every.coupling) / np.sqrt(variance)
+        score = (sums.score - share[..., 0] * every.score) / np.sqrt(variance[..., 0])
+        information = diagonal - coupling.transpose(0, 2, 1) @ coupling
+        return self._largest_gains(information, score)[0]
+
+    @cached_property
+    def _sums_of_all(self) -> _Sums:
+        """The sums over all views."""
+        return _Sums(self.diagonal.sum(0), self.coupling.sum(0), self.score.sum(0))
+
     def _move_views(self, best: Variation) -> Variation:
         """Return the variation of two kinds of views after one pass over the views, of which each
         moves to the other kind if that is more probable.
         """
+        is_first = best.pattern > 0
+        first = _Sums(
+            self.diagonal[is_first].sum(0),
+            self.coupling[is_first].sum(0),
+            self.score[is_first].sum(0),
+        )
+        gain = best.gain
         view = 0
         while view < self.count:
             next_views = np.arange(view, min(view + MOVED_TOGETHER, self.count))
-            moved = (best.pattern > 0) ^ np.eye(self.count, dtype=bool)[next_views]
-            first_kind = moved.sum(1)
-            patterns = centred_pattern(moved)
-            gains = self._gains_along(patterns)[0]
-            gains[np.minimum(first_kind, self.count - first_kind) < MIN_BLOCK] = -np.inf
-            better = np.flatnonzero(gains > best.gain)
-            if better.size:
-                best = self.variation_along(best.kind, patterns[better[0]])
-                view += int(better[0]) + 1
-            else:
+            signs = np.where(is_first[next_views], -1, 1)
+            counts = int(is_first.sum()) + signs
+            sums = _Sums(
+                first.diagonal + signs[:, None, None] * self.diagonal[next_views],
+                first.coupling + signs[:, None, None] * self.coupling[next_views],
+                first.score + signs[:, None] * self.score[next_views],
+            )
+            gains = self._gains_of_kinds(sums, counts)
+            gains[np.minimum(counts, self.count - counts) < MIN_BLOCK] = -np.inf
+            better = np.flatnonzero(gains > gain)
+            if not better.size:
                 view += len(next_views)
-        return best
+                continue
+            index = int(better[0])
+            is_first[next_views[index]] ^= True
+            first = _Sums(sums.diagonal[index], sums.coupling[index], sums.score[index])
+            gain = float(gains[index])
+            view += index + 1
+        if gain == best.gain:
+            return best
+        return self.variation_along(best.kind, centred_pattern(is_first))
 
     def best_variation_along(self, kind: VariationKind, patterns: Array) -> Variation:
         """Return the most probable variation whose deviations follow one of the (P, V) patterns."""
@@ -397,14 +473,3 @@ def _information_of_views(diagonal: Array, coupling: Array) -> Array:
     views = np.arange(count)
     blocks[views, :, views] += diagonal
     return information
-
-
-def _divisions(deviations: Array) -> Array:
-    """Return (P, V) patterns of two kinds of views, which differ most in their (V, G)
-    deviations.
-    """
-    centred = deviations - deviations.mean(0)
-    projected = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
-    order = projected.argsort(kind="stable").argsort()
-    counts = np.arange(MIN_BLOCK, len(projected) - MIN_BLOCK + 1)
-    return centred_pattern(order >= counts[:, None])

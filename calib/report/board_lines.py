@@ -98,21 +98,21 @@ def _corner_grids(evidence: Evidence, view: int) -> Array:
     detected.
     """
     board = evidence.calibration.board
-    observations = evidence.calibration.observations
+    observations = evidence.calibration.observations.view_range(range(view, view + 1))
     in_view = evidence.view == view
-    poses = torch.from_numpy(evidence.calibration.poses)[observations.view]
+    poses = torch.from_numpy(evidence.calibration.poses)[view : view + 1][observations.view]
     exposure = observations.exposure
     actual = evidence.path.place(observations.corners, evidence.values, poses, exposure)
     flat_path = replace(evidence.path, target=Target())
     flat = flat_path.place(observations.corners, {}, poses[:, :6], exposure)
     focal, _ = _pinhole(evidence)
     bow = focal * (actual[:, :2] / actual[:, 2:] - flat[:, :2] / flat[:, 2:]).numpy()
-    undistorted = evidence.field.undistort_pixels(evidence.pixels, evidence.depth)
+    undistorted = evidence.field.undistort_pixels(evidence.pixels[in_view], evidence.depth[in_view])
     grids = np.full((3, board.count, 2), np.nan)
     detected = evidence.calibration.views[view].seen
-    grids[0, detected] = (evidence.pixels - bow)[in_view]
-    grids[1, detected] = (undistorted - bow)[in_view]
-    grids[2, detected] = bow[in_view]
+    grids[0, detected] = evidence.pixels[in_view] - bow
+    grids[1, detected] = undistorted - bow
+    grids[2, detected] = bow
     return grids.reshape(3, board.rows, board.columns, 2)
 
 

@@ -102,9 +102,8 @@ def _most_bent_first(evidence: Evidence) -> list[tuple[int, list[BoardLine]]]:
     """Return the views with the largest boards, and the lines of each: those that bend most come
     first. A view with corners that figures do not show is left out.
     """
-    corners = [
-        evidence.pixels[evidence.view == view] for view in range(len(evidence.calibration.views))
-    ]
+    starts = evidence.calibration.observations.starts.numpy()
+    corners = np.split(evidence.pixels, starts[1:-1])
     views = [
         view for view, pixels in enumerate(corners) if len(pixels) and evidence.shows(pixels).all()
     ]

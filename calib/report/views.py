@@ -93,7 +93,8 @@ def _thumbnail(path: Path, size: tuple[int, int], max_bytes: int) -> str | None:
 
 def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) -> str:
     camera = evidence.calibration.camera
-    in_view = evidence.view == view
+    starts = evidence.calibration.observations.starts
+    in_view = slice(int(starts[view]), int(starts[view + 1]))
     view_corners, distance = evidence.calibration.views[view], evidence.distance[in_view]
     tilt = np.degrees(
         np.arccos(

@@ -36,8 +36,7 @@ def board_place(case: Case) -> Iterator[Reason]:
     """Check the distance of the boards before a cover."""
     if not case.calibration.model()[0].cover:
         return
-    to_glass = np.linalg.norm(case.rays.origin.stacked().numpy(), axis=-1)
-    to_corner = np.linalg.norm(case.corners, axis=-1)
+    to_glass, to_corner = case.distances_of_glass
     share_inside = float(np.mean(to_corner < to_glass))
     glass, board = float(np.median(to_glass)), float(np.median(to_corner))
     key = _key(case.calibration.board)

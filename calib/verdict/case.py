@@ -14,10 +14,16 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.registry import EFFECTS
+from calib.estimation.corner_cells import part_rows
 from calib.estimation.joint_fit import Estimate
 from calib.estimation.noise import MIN_NOISE
 from calib.estimation.observations import Observations
-from calib.fitting.corner_range import corner_points, covered_fraction, distance_range
+from calib.fitting.corner_range import (
+    corner_points,
+    corner_residuals,
+    covered_fraction,
+    distance_range,
+)
 from calib.fitting.declared import comparisons
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.supported_depths import doubtful_depths
@@ -25,7 +31,6 @@ from calib.inference.calibration_model import full_model
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import ScoreTest, score_tests
-from calib.optics.rays import Rays
 from calib.session.numbers import unknown_names
 from calib.verdict.next_commands import NextCommands
 
@@ -70,10 +75,16 @@ class Case:
         return self.calibration.stages[-1].rms_px
 
     @cached_property
-    def rays(self) -> Rays:
-        """(M,) rays of the corners where they leave the cover."""
+    def distances_of_glass(self) -> tuple[Array, Array]:
+        """(m,) m, from the pinhole to where the rays of some corners, spread evenly, leave the
+        cover, and (m,) m to these corners.
+        """
         path, values = self.calibration.model()
-        return path.trace(self.observations.pixels, values, self.observations.exposure)
+        rows = part_rows(self.observations)
+        part = self.observations.select_rows(rows)
+        rays = path.trace(part.pixels, values, part.exposure)
+        to_glass = np.linalg.norm(rays.origin.stacked().numpy(), axis=-1)
+        return to_glass, np.linalg.norm(self.corners[rows.numpy()], axis=-1)
 
     @cached_property
     def corners(self) -> Array:
@@ -200,8 +211,16 @@ def optimum_of(calibration: Calibration) -> FittedModel:
 
 
 @lru_cache(maxsize=1)
+def averaged_optimum_of(calibration: Calibration) -> FittedModel:
+    """Return the fitted model of the calibration with averages of its corners, if they are very
+    many.
+    """
+    return optimum_of(calibration).averaged(corner_residuals(calibration).image)
+
+
+@lru_cache(maxsize=1)
 def _scores(calibration: Calibration) -> tuple[ScoreTest, ...]:
-    fitted = optimum_of(calibration)
+    fitted = averaged_optimum_of(calibration)
     context = effect_context(fitted, calibration.board, calibration.camera, locate=False)
     present = {effect.name for effect in fitted.model.effects}
     candidates = [

@@ -13,7 +13,7 @@ from calib.estimation.noise import is_stated_noise
 from calib.fitting.differing import ADVICE, Differing
 from calib.inference.effect_context import effect_context
 from calib.inference.score_test import score_tests
-from calib.verdict.case import Case, optimum_of
+from calib.verdict.case import Case, averaged_optimum_of
 from calib.verdict.residual import beyond_noise, likely_scores
 from calib.verdict.thresholds import AGREED
 from calib.verdict.verdict import Reason
@@ -116,7 +116,7 @@ def _bump_gain(calibration: Calibration) -> float:
     views do not agree on one. Where it is seen, it looks as if something differed from view to
     view.
     """
-    fitted = optimum_of(calibration)
+    fitted = averaged_optimum_of(calibration)
     context = effect_context(fitted, calibration.board, calibration.camera, locate=True)
     tests = score_tests(fitted, FineSurface.propose(context)[-1:])
     return max((test.chi2 / 2 for test in tests if test.p_value < AGREED), default=0.0)
@@ -125,7 +125,7 @@ def _bump_gain(calibration: Calibration) -> float:
 @lru_cache(maxsize=1)
 def find_differing(calibration: Calibration) -> Differing | None:
     """Return what differs from view to view in a calibration; None if nothing does."""
-    fitted = optimum_of(calibration)
+    fitted = averaged_optimum_of(calibration).some_views()
     return Differing.of(
         fitted,
         effect_context(fitted, calibration.board, calibration.camera, locate=False),

@@ -14,7 +14,9 @@ from scipy.special import chdtrc
 from calib.calibration import Calibration
 from calib.effects.cover_effect import CoverEffect
 from calib.effects.effect import Effect
+from calib.estimation.corner_cells import part_rows
 from calib.estimation.noise import MIN_NOISE
+from calib.estimation.residuals import Residuals
 from calib.fitting.corner_range import corner_residuals
 from calib.inference.residual_structure import (
     ORGANISER_WORDS,
@@ -166,9 +168,10 @@ def _dispersion(case: Case) -> float:
 def _shares(calibration: Calibration) -> tuple[VarianceShare, ...]:
     fitted = optimum_of(calibration)
     residual = corner_residuals(calibration)
-    return tuple(
-        variance_shares(calibration, fitted.model, fitted.joint, fitted.observations, residual)
-    )
+    rows = part_rows(fitted.observations)
+    part = fitted.observations.select_rows(rows)
+    of_part = Residuals(residual.image[rows], residual.board[rows])
+    return tuple(variance_shares(calibration, fitted.model, fitted.joint, part, of_part))
 
 
 def suspects_of(effect: Effect) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ from calib.session.numbers import numbers_of, replace_numbers
 from calib.session.parameter_names import CAMERA, number_of
 from calib.session.schema import Number
 from calib.session.tolerances import FOCAL
-from calib.verdict.case import optimum_of
+from calib.verdict.case import averaged_optimum_of
 
 Array = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ def scale_evidence(calibration: Calibration) -> ScaleEvidence:
     parameters, prior = optimum.parameters(), optimum.prior_precision()
     poses = _poses(calibration, [view.reduce() for view in optimum.equations()])
     information = np.zeros_like(prior)
-    score, squares = np.zeros(parameters.count), 0.0
+    score, squares = np.zeros(parameters.count), optimum.merged_squares
     for rows, residual in poses:
         information += rows.T @ rows
         score += rows.T @ residual
@@ -135,7 +135,7 @@ def _poses(calibration: Calibration, views: Sequence[ReducedView]) -> list[tuple
 
 def _freed(calibration: Calibration) -> FittedModel:
     """Return the end of the fit with every declared number free."""
-    optimum = optimum_of(calibration)
+    optimum = averaged_optimum_of(calibration)
     joint = replace(
         optimum.joint,
         smoothness=optimum.joint.smoothness or (UNEVEN_GLASS if calibration.relief else None),
@@ -156,7 +156,7 @@ def _freed(calibration: Calibration) -> FittedModel:
         correlations.pop((CAMERA.fy, CAMERA.fx), None)
         correlations[CAMERA.focal] = 1.0 - ratio**2 / 2
     wider = replace(priors, sigmas={**priors.sigmas, **plausible}, correlations=correlations)
-    return FittedModel(replace(optimum.model, priors=wider), optimum.observations, joint)
+    return replace(optimum, model=replace(optimum.model, priors=wider), joint=joint)
 
 
 def _narrowing(priors: Priors, plausible: Mapping[str, float], name: str) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib.inference import variation_equations
-from calib.inference.variation_equations import SPREADS, GroupEquations
+from calib.inference.variation_equations import SPREADS, GroupEquations, _Sums
 from calib.inference.varying_numbers import Group, VariationKind, centred_pattern
 
 VIEWS, SIZE, SHARED = 40, 6, 5
@@ -88,3 +88,13 @@ def test_views_that_move_in_batches_end_where_they_do_together(
         ends.append(equations.in_two_kinds())
     assert np.array_equal(ends[0].pattern, ends[1].pattern)
     assert ends[0].gain == pytest.approx(ends[1].gain, rel=1e-12)
+
+
+def test_sums_gain_what_patterns_do(equations: GroupEquations) -> None:
+    """Divisions of the views into two kinds are compared by sums over the views of each."""
+    order = np.random.default_rng(4).permutation(VIEWS)
+    counts = np.arange(1, VIEWS)
+    patterns = centred_pattern(order.argsort() < counts[:, None])
+    sums = _Sums.of(equations, order).take(counts - 1)
+    gains = equations._gains_of_kinds(sums, counts)
+    assert gains == pytest.approx(equations._gains_along(patterns)[0], rel=1e-9)
