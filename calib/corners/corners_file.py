@@ -159,31 +159,31 @@ def _read_rows(path: Path) -> _Rows:
             f'{path} is not a UTF-8 text file: write a vnlog that starts with "{LEGEND}".'
         ) from error
     lines = text.splitlines()
-    parts = []
+    tables = []
     legend: list[str] = []
     for first in range(0, len(lines), BATCH_SIZE):
         batch = lines[first : first + BATCH_SIZE]
-        part = _visible_rows(batch, legend, first) if legend else None
-        if part is None:  # a comment, a corner that is not seen, or a mistake
+        table = _visible_rows(batch, legend, first) if legend else None
+        if table is None:  # a comment, a corner that is not seen, or a mistake
             rows = list(_rows(batch, legend, first, path))
-            part = _Rows(
+            table = _Rows(
                 np.array([row.line for row in rows], np.int64),
                 [row.name for row in rows],
                 np.array([(row.x, row.y) for row in rows], np.float64).reshape(-1, 2),
                 np.array([row.weight for row in rows], np.float64),
                 np.array([row.covariance for row in rows], np.float64).reshape(-1, 3),
             )
-        parts.append(part)
-    if not parts:
-        parts.append(
+        tables.append(table)
+    if not tables:
+        tables.append(
             _Rows(np.zeros(0, np.int64), [], np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3)))
         )
     return _Rows(
-        np.concatenate([part.lines for part in parts]),
-        [name for part in parts for name in part.names],
-        np.concatenate([part.corners for part in parts]),
-        np.concatenate([part.weights for part in parts]),
-        np.concatenate([part.covariances for part in parts]),
+        np.concatenate([table.lines for table in tables]),
+        [name for table in tables for name in table.names],
+        np.concatenate([table.corners for table in tables]),
+        np.concatenate([table.weights for table in tables]),
+        np.concatenate([table.covariances for table in tables]),
     )
 
 

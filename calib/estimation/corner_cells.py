@@ -27,7 +27,7 @@ from calib.optics.path import Path
 from calib.optics.projection import project
 
 CELLS = 20_000
-"""The cells of all views: what takes a session of 250 views of 81 corners half a second a fit."""
+"""The cells of all views together: as many as 250 views of 81 corners have corners."""
 MIN_SIDE = 4
 """The cells along each side of a board, at least: four by four points tell a pose and a bend."""
 MIN_MEMBERS = 2.0

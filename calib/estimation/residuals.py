@@ -49,9 +49,9 @@ class Residuals:
 
 def residuals(path: Path, values: Values, observations: Observations, poses: Tensor) -> Residuals:
     """Return the residuals of all corners, with the boards at (V, 6) poses."""
-    parts = [_residuals(path, values, batch, poses) for batch in observations.batches()]
+    batches = [_residuals(path, values, batch, poses) for batch in observations.batches()]
     return Residuals(
-        torch.cat([part.image for part in parts]), torch.cat([part.board for part in parts])
+        torch.cat([batch.image for batch in batches]), torch.cat([batch.board for batch in batches])
     )
 
 

@@ -102,16 +102,18 @@ def _even_fit(
     )
 
 
-def _competes(even: Fitted, uneven: Fitted, setup: Setup, names: Sequence[str]) -> tuple[str, ...]:
+def _competes(
+    even_fit: Fitted, uneven_fit: Fitted, setup: Setup, names: Sequence[str]
+) -> tuple[str, ...]:
     """Return the names of the numbers whose estimates contradict the setup; none where even glass
     is far less probable than uneven glass, or the lens is not possible.
     """
-    if not (even.joint and uneven.joint):
+    if not (even_fit.joint and uneven_fit.joint):
         return ()
-    differing = _differing(even.joint, setup, names)
-    if not (differing and _is_possible(even.joint, setup, differing)):
+    differing = _differing(even_fit.joint, setup, names)
+    if not (differing and _is_possible(even_fit.joint, setup, differing)):
         return ()
-    log_odds = even.joint.log_evidence - uneven.joint.log_evidence
+    log_odds = even_fit.joint.log_evidence - uneven_fit.joint.log_evidence
     return differing if log_odds >= -MIN_LOG_ODDS else ()
 
 

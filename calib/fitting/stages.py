@@ -313,8 +313,8 @@ class _Job:
         """The same with a part of the corners, if they are very many: what it finds is the start of
         `complete`.
         """
-        part = spread_part(self.observations)
-        return self if part is self.observations else replace(self, observations=part)
+        corners = spread_part(self.observations)
+        return self if corners is self.observations else replace(self, observations=corners)
 
     def complete(self, model: CameraModel, joint: JointFit) -> tuple[JointFit, OnAverages | None]:
         """Return the fit to all corners, from that to a part of them. Between these two, a fit to
@@ -438,15 +438,15 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
     is_known = job.setup.cover.glass is not None
     if was_uneven or is_known:
         return _fit_uneven(job, even, poses, earlier, start)
-    part, on_averages = job.part, None
-    smooth = part.fit(even, poses, start)
+    subset, on_averages = job.part, None
+    smooth = subset.fit(even, poses, start)
     if job.surface == EVEN or not smooth.finite:
         return job.finish_all(even, smooth)
-    log_odds, texture = part.log_odds_of_texture(even, smooth)
+    log_odds, texture = subset.log_odds_of_texture(even, smooth)
     # With every number held, nothing but the glass could make up for their errors.
     is_asked = job.surface == AUTO_SURFACE and bool(even.priors.sigmas)
-    if is_asked and part is not job and log_odds < MIN_LOG_ODDS:
-        part = job
+    if is_asked and subset is not job and log_odds < MIN_LOG_ODDS:
+        subset = job
         smooth, on_averages = job.complete(even, smooth)
         log_odds, texture = job.log_odds_of_texture(even, smooth)
     if is_asked and log_odds < MIN_LOG_ODDS:
@@ -455,19 +455,19 @@ def _fit_cover(job: _Job, even: CameraModel, poses: Tensor, earlier: Fitted | No
         # Even glass has no bumps, and its numbers went elsewhere to imitate them.
         return _fit_uneven(job, even, poses, None, start)
     start = replace(smooth.start, smoothness=texture)
-    bent = _fit_bent(part, even, smooth, log_odds) if job.decides_bend else None
+    bent = _fit_bent(subset, even, smooth, log_odds) if job.decides_bend else None
     if not (bent and bent.model and bent.joint):
         return _fit_uneven(job, even, smooth.poses, None, start)
-    log_odds, texture = part.log_odds_of_texture(bent.model, bent.joint)
+    log_odds, texture = subset.log_odds_of_texture(bent.model, bent.joint)
     if job.surface == AUTO_SURFACE and log_odds < MIN_LOG_ODDS:
-        if part is job:
+        if subset is job:
             return bent
         finished = replace(job, decided=bent).finish_all(bent.model, bent.joint)
         return replace(finished, turned=bent.turned)
     # A relief of a flat board is fitted roughly, for the error that the bend removes.
     flat = _with_relief(job, even, _relief(job, even.path, job.setup.initial_values(even.means)))
-    rough = part.fit(flat, smooth.poses, start, ROUNDS[:1])
-    residual = residuals(flat.path, rough.values, part.observations, rough.poses)
+    rough = subset.fit(flat, smooth.poses, start, ROUNDS[:1])
+    residual = residuals(flat.path, rough.values, subset.observations, rough.poses)
     stages = (*job.stages, _stage(COVER_STAGE, residual), bent.stages[-1])
     job = replace(job, decided=replace(bent, stages=stages))
     start = replace(bent.joint.start, smoothness=texture)
@@ -509,8 +509,8 @@ def _fit_uneven(
         return job.finish_all(model, job.part.fit(model, poses, start), earlier.relief)
     relief = _relief(job, even.path, job.setup.initial_values(even.means))
     model = _with_relief(job, even, relief)
-    part = job.part
-    joint = part.fit(model, poses, start, ROUNDS[:1])
+    subset = job.part
+    joint = subset.fit(model, poses, start, ROUNDS[:1])
     for is_last in (False, True):
         start = joint.start
         if not _matches(job, relief, even.path, joint.values):
@@ -521,7 +521,7 @@ def _fit_uneven(
             start = replace(start, values={**start.values, **flat})
         elif is_last:
             break
-        joint = part.fit(model, joint.poses, start)
+        joint = subset.fit(model, joint.poses, start)
     return job.finish_all(model, joint, relief)
 
 

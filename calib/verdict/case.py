@@ -81,8 +81,8 @@ class Case:
         """
         path, values = self.calibration.model()
         rows = part_rows(self.observations)
-        part = self.observations.select_rows(rows)
-        rays = path.trace(part.pixels, values, part.exposure)
+        observations = self.observations.select_rows(rows)
+        rays = path.trace(observations.pixels, values, observations.exposure)
         to_glass = np.linalg.norm(rays.origin.stacked().numpy(), axis=-1)
         return to_glass, np.linalg.norm(self.corners[rows.numpy()], axis=-1)
 

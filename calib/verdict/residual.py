@@ -169,9 +169,9 @@ def _shares(calibration: Calibration) -> tuple[VarianceShare, ...]:
     fitted = optimum_of(calibration)
     residual = corner_residuals(calibration)
     rows = part_rows(fitted.observations)
-    part = fitted.observations.select_rows(rows)
-    of_part = Residuals(residual.image[rows], residual.board[rows])
-    return tuple(variance_shares(calibration, fitted.model, fitted.joint, part, of_part))
+    corners = fitted.observations.select_rows(rows)
+    errors = Residuals(residual.image[rows], residual.board[rows])
+    return tuple(variance_shares(calibration, fitted.model, fitted.joint, corners, errors))
 
 
 def suspects_of(effect: Effect) -> tuple[str, ...]:

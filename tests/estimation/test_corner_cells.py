@@ -44,7 +44,7 @@ def fitted_with(made: Scene, cells: int, tolerance: float) -> Fitted:
 
 
 @pytest.fixture(scope="module")
-def whole(made: Scene) -> Fitted:
+def fit_to_all(made: Scene) -> Fitted:
     """The fit of all corners from the start."""
     return fitted_with(made, 10**6, 1e-6)
 
@@ -69,10 +69,10 @@ def test_a_usual_session_is_fitted_as_a_whole(made: Scene) -> None:
 
 @pytest.mark.usefixtures("few_cells")
 def test_a_part_is_spread_evenly_over_each_board(made: Scene) -> None:
-    part = spread_part(made.observations)
-    assert part.starts.diff().tolist() == [100] * VIEWS
-    for corners in part.per_view(part.corners):
-        fifth = ((corners / made.board.half[0] + 1) * 2.5).long().clamp(0, 4)
+    corners = spread_part(made.observations)
+    assert corners.starts.diff().tolist() == [100] * VIEWS
+    for places in corners.per_view(corners.corners):
+        fifth = ((places / made.board.half[0] + 1) * 2.5).long().clamp(0, 4)
         counts = torch.bincount(5 * fifth[:, 0] + fifth[:, 1], minlength=25)
         assert (counts == 4).all()
 
@@ -82,71 +82,72 @@ def test_a_view_with_few_corners_keeps_them(made: Scene) -> None:
     """The cells of a view cover its own corners, not the whole board."""
     observations = made.observations
     rows = torch.ones(len(observations.pixels), dtype=torch.bool)
-    near = (observations.corners - observations.corners[0]).norm(dim=-1) < 0.025
+    is_close = (observations.corners - observations.corners[0]).norm(dim=-1) < 0.025
     first_view = observations.view == 0
-    rows[first_view] = near[first_view]
-    seen = observations.select_rows(rows)
-    kept = part_rows(seen)[seen.view == 0]
-    assert kept.sum() > 0.5 * len(kept)
+    rows[first_view] = is_close[first_view]
+    observations = observations.select_rows(rows)
+    rows = part_rows(observations)[observations.view == 0]
+    assert rows.sum() > 0.5 * len(rows)
 
 
 @pytest.mark.usefixtures("few_cells")
-def test_averages_keep_what_the_corners_tell(made: Scene, whole: Fitted) -> None:
+def test_averages_keep_what_the_corners_tell(made: Scene, fit_to_all: Fitted) -> None:
     """The oracle is the normal equations and a score test of all corners. Ten cells along a side
     lose a hundredth of what is linear over the board, a tenth of a bump of the glass, and a seventh
     of an error of the print that follows a cubic.
     """
-    assert whole.model
-    assert whole.joint
-    every = FittedModel(whole.model, made.observations, whole.joint)
-    averages = every.averaged()
+    assert fit_to_all.model
+    assert fit_to_all.joint
+    full = FittedModel(fit_to_all.model, made.observations, fit_to_all.joint)
+    averages = full.averaged()
     assert len(averages.observations.pixels) == 100 * VIEWS
     assert averages.observations.residual_count == made.observations.residual_count
-    total, kept = every.information().sum(0), averages.information().sum(0)
+    total = full.information().sum(0)
+    total_of_averages = averages.information().sum(0)
     scale = np.sqrt(np.diag(total))
-    assert np.abs((kept - total) / np.outer(scale, scale)).max() < 0.1
+    assert np.abs((total_of_averages - total) / np.outer(scale, scale)).max() < 0.1
     half = made.board.half
     corners = made.observations.corners
     stretched = corners * (1 + 1e-3 * (corners[:, :1] / half[0]) ** 2)
-    on_other_print = replace(every, observations=replace(made.observations, corners=stretched))
+    on_other_print = replace(full, observations=replace(made.observations, corners=stretched))
     stretch = BoardScale(True, DEGREES[-1], half)
-    before = score_tests(on_other_print, [stretch])[0]
-    after = score_tests(on_other_print.averaged(), [stretch])[0]
-    assert before.chi2 > 100
-    assert 0.8 < after.chi2 / before.chi2 < 1.01
-    assert after.cost == pytest.approx(before.cost, rel=0.01)
+    test = score_tests(on_other_print, [stretch])[0]
+    test_of_averages = score_tests(on_other_print.averaged(), [stretch])[0]
+    assert test.chi2 > 100
+    assert 0.8 < test_of_averages.chi2 / test.chi2 < 1.01
+    assert test_of_averages.cost == pytest.approx(test.cost, rel=0.01)
 
 
 @pytest.mark.usefixtures("few_cells")
-def test_averages_are_free_of_curvature(made: Scene, whole: Fitted) -> None:
+def test_averages_are_free_of_curvature(made: Scene, fit_to_all: Fitted) -> None:
     """Averages of corners that the model explains exactly are explained exactly."""
-    assert whole.joint
-    path, values, poses = whole.path, whole.values, whole.poses
+    assert fit_to_all.joint
+    path, values, poses = fit_to_all.path, fit_to_all.values, fit_to_all.poses
     image = residuals(path, values, made.observations, poses).image
     exact = replace(made.observations, pixels=made.observations.pixels + image)
-    averages = average_corners(path, values, exact, poses, whole.joint.sigma)
+    averages = average_corners(path, values, exact, poses, fit_to_all.joint.sigma)
     assert residuals(path, values, averages, poses).rms_px < 1e-6
     assert averages.merged_squares < 1e-9
 
 
-def test_a_part_of_the_corners_leads_to_the_same_optimum(made: Scene, whole: Fitted) -> None:
+def test_a_part_of_the_corners_leads_to_the_same_optimum(made: Scene, fit_to_all: Fitted) -> None:
     """Both fits are taken to their ends with the same noise and prior: what a part finds, all
     corners would find. With its own noise and prior, and where a fit usually ends, a number differs
     by a hundredth of its standard deviation.
     """
-    started = fitted_with(made, FEW_CELLS, 1e-13)
-    assert started.on_averages
-    assert started.joint
-    assert started.joint.outcome is Outcome.CONVERGED
-    assert whole.joint
-    assert whole.model
+    fitted = fitted_with(made, FEW_CELLS, 1e-13)
+    assert fitted.on_averages
+    assert fitted.joint
+    assert fitted.joint.outcome is Outcome.CONVERGED
+    assert fit_to_all.joint
+    assert fit_to_all.model
     start = replace(
-        whole.joint.start, sigma=started.joint.sigma, smoothness=started.joint.smoothness
+        fit_to_all.joint.start, sigma=fitted.joint.sigma, smoothness=fitted.joint.smoothness
     )
-    end = whole.model.fit(made.observations, whole.poses, start, (1e-13,))
-    end = whole.model.fit(made.observations, end.poses, end.start, (1e-13,))
-    assert deviation(end, started.joint) < 3e-4
-    assert started.joint.sigma == pytest.approx(whole.joint.sigma, rel=1e-4)
-    usual = fitted_with(made, FEW_CELLS, 1e-6)
-    assert usual.joint
-    assert deviation(whole.joint, usual.joint) < 0.03
+    end = fit_to_all.model.fit(made.observations, fit_to_all.poses, start, (1e-13,))
+    end = fit_to_all.model.fit(made.observations, end.poses, end.start, (1e-13,))
+    assert deviation(end, fitted.joint) < 3e-4
+    assert fitted.joint.sigma == pytest.approx(fit_to_all.joint.sigma, rel=1e-4)
+    usual_fit = fitted_with(made, FEW_CELLS, 1e-6)
+    assert usual_fit.joint
+    assert deviation(fit_to_all.joint, usual_fit.joint) < 0.03
