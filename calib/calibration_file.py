@@ -54,7 +54,7 @@ YAML_SUFFIXES = (".yaml", ".yml")
 DERIVED = ("rays.npz", "map_*m.npz", "report.html")
 """Files in a calibration's folder that are made from it."""
 MAX_READS = 2
-"""Times that the two files are read: another writer may replace them between the two."""
+"""Attempts to read the two files. A writer may replace one of them between our two reads."""
 SAMPLED_CORNERS = 12
 """Corners of each view whose rays are traced when a file is read; all corners of a thousand views
 would take a second.
@@ -325,8 +325,8 @@ def _declared(declared: dict[str, Any], target: dict[str, object], path: FilePat
 
 
 def _with_all_bend_terms(poses: NDArray[Any], view_blocks: set[str]) -> NDArray[Any]:
-    """Return the (V, B) parameters of views with all terms of a bend that each view has. An earlier
-    version wrote those of degree 2 alone; the others are then 0.
+    """Return the (V, B) parameters of the views, padded to today's bend terms. Old files hold only
+    the terms of degree 2: the missing ones become 0.
     """
     missing = sum(VIEW_BLOCKS[block] for block in view_blocks) - poses.shape[-1]
     if FLEX not in view_blocks or missing != VIEW_BLOCKS[FLEX] - BEND_TERMS_OF_DEGREE_2:

@@ -43,8 +43,8 @@ from calib.session.board import Board
 from calib.threads import single_thread
 
 NOTICEABLE = 1 / 3
-"""Relative to the corners' noise: a change that adds less enlarges the error by less than a
-twentieth, and is not reported.
+"""The smallest change worth reporting, over the corners' noise. At 1/3, the error grows by
+5.4 %.
 """
 BROKEN_PX = 1.0
 """The smallest added error in px that people see as a fault in undistorted pictures."""
@@ -55,7 +55,7 @@ BROKEN_PX.
 OTHER_PICTURES = frozenset(
     {TURNED, UNCOVERED, OTHER_MEDIUM, OTHER_CAMERA, PictureMode.name, StretchedMode.name}
 )
-"""Changes that move every pixel, and so have no small size."""
+"""Changes that always break the calibration: they move every pixel by much."""
 NOISE_CHANGE = 1.3
 """The ratio of noise variances above which the ranking of changes may depend on it."""
 OUT_OF_REACH = 3.0
@@ -176,7 +176,7 @@ class Checker:
             return result
         advance(2, "what has changed")
         checked = CheckedViews(observations, poses, predictive, camera.width, camera.height)
-        ranking, noise_ratio = self._ranking(
+        ranking, variance_ratio = self._ranking(
             checked, views, pictures.board, residual.rms_px, noise_ratio
         )
         best = ranking[0]
@@ -185,14 +185,36 @@ class Checker:
             remaining = tuple(view for view in views if view is not bad_view)
             rejected = (*rejected, RejectedPicture(bad_view.name, best.words))
             return self._check(Pictures(remaining, pictures.board, rejected), advance)
-        noise = self._noise_px(noise_ratio * self.overdispersion.typical)
+        return self._judge_change(result, checked, ranking, residual.rms_px, variance_ratio)
+
+    def _judge_change(
+        self,
+        result: CheckResult,
+        checked: CheckedViews,
+        ranking: list[Hypothesis],
+        error: float,
+        variance_ratio: float,
+    ) -> CheckResult:
+        """Return the result with the most probable change, if it is worth reporting.
+
+        Args:
+            result: the result of views that differ significantly from the calibration.
+            checked: the same views.
+            ranking: the changes, the most probable first.
+            error: px, root mean square of the views' residuals.
+            variance_ratio: the variance of the corners' noise over that of the calibration's.
+        """
+        assert result.statistics
+        best = ranking[0]
+        noise = self._noise_px(variance_ratio * self.overdispersion.typical)
         added = rms_shift(best, checked)
-        expected = self._expected_error(predictive, observations, noise_ratio)
-        excess_px = max(0.0, residual.rms_px**2 - expected**2) ** 0.5
-        # no size, or too large for the first order, whose size may then be of another optimum
+        expected = self._expected_error(checked.predictive, checked.observations, variance_ratio)
+        excess_px = max(0.0, error**2 - expected**2) ** 0.5
+        # Without a size, or if the first-order estimate is unreliable because the change is large,
+        # take the whole excess error.
         if added is None or not max(added, excess_px) < GROSS * noise:
             added = excess_px
-        statistics = replace(statistics, added_px=added)
+        statistics = replace(result.statistics, added_px=added)
         if added < NOTICEABLE * noise:
             return replace(result, statistics=statistics)
         broken = added > max(BROKEN_PX, BROKEN_RATIO * noise) or best.name in OTHER_PICTURES
@@ -201,7 +223,9 @@ class Checker:
             result,
             status=CheckStatus.BROKEN if broken else CheckStatus.DEGRADED,
             statistics=replace(
-                statistics, noise_px=self._noise_px(noise_ratio), noise_ratio=noise_ratio**0.5
+                statistics,
+                noise_px=self._noise_px(variance_ratio),
+                noise_ratio=variance_ratio**0.5,
             ),
             changes=name_changes(ranking, checked),
             lacking=best.name if excess > 0 else "",

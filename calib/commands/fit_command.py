@@ -64,8 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_effects(
         method,
         "causes of error to add to the model: auto finds those that held-out views confirm, as"
-        " calib diagnose does; NAME,... adds those listed below; none adds nothing, not even a bend"
-        " of the board (default: the board's bend, if the views show one)",
+        " calib diagnose does; NAME,... adds those listed under Effects; none adds nothing, not"
+        " even a bend of the board (default: the board's bend, if the views show one)",
     )
     add_fit_options(method)
     parser.usage = "%(prog)s SESSION ... [options]"

@@ -38,11 +38,11 @@ def add_fit_options(parser: Options, *, default_folds: int = 0) -> None:
         default=("auto",),
         metavar="auto|all|none|NAME,...",
         help=(
-            "declared numbers to estimate. auto (the default): all, but if an estimate leaves its"
-            " tolerance only those with a sigma, unless the pictures favour the estimates; all: all"
-            " in any case; none: only those with a sigma; or some of radius, slope, offset, centre,"
-            " distance, tilt, thickness, index, intrinsics. auto and all leave exact numbers as"
-            " they are"
+            "declared numbers to estimate. auto (the default): all. If an estimate leaves its"
+            " tolerance and the pictures do not clearly favour it, only those with a sigma. all:"
+            " all in any case; none: only those with a sigma; or some of radius, slope, offset,"
+            " centre, distance, tilt, thickness, index, intrinsics. auto and all leave exact"
+            " numbers as they are"
         ),
     )
     default = f" (default: {default_folds})" if default_folds else ""

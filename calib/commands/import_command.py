@@ -22,10 +22,10 @@ DESCRIPTION = """
 The command never changes a folder that exists already. The new session has no cover: add
 yours by options such as calib fit NEW --cover dome --radius 40.
 """
-WITH_BOARD = ("mrcal", "photonvision")
-"""The sources that say themselves which board they show."""
-PICTURES = ("images", "video", "bag")
-"""The sources whose lens a person may state."""
+SOURCES_WITH_BOARD = ("mrcal", "photonvision")
+"""The sources whose files describe their board: they take no --board."""
+SOURCES_WITHOUT_LENS = ("images", "video", "bag")
+"""The sources whose files describe no lens: options may state it."""
 BOARD_WORDS = "--board 9x6 --square-mm 25"
 WHOLE_COMMANDS = {
     "mrcal": "calib import mrcal camera-0.cameramodel -o cam0",
@@ -103,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             name, help=words, description=f"Import {words}.", example=WHOLE_COMMANDS[name]
         )
         source.add_argument("path", type=Path, metavar=metavar, help=path_help)
-        if name not in WITH_BOARD:
+        if name not in SOURCES_WITH_BOARD:
             required = name != "kalibr"
             pictured = name in ("ros", "images", "video", "bag")
             tags = ", or a grid's tags" if pictured else ""
@@ -137,7 +137,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             source.add_argument(
                 "--camera", metavar="camN", help="the camera, if camchain.yaml describes several"
             )
-        if name in PICTURES:
+        if name in SOURCES_WITHOUT_LENS:
             add_intrinsics(source)
         if name in ("images", "mrcal-corners"):
             add_camera(source)
@@ -235,7 +235,7 @@ def _with_intrinsics(draft: "SessionDraft", args: argparse.Namespace) -> "Sessio
     from calib.session.camera import read_camera
     from calib.session.schema import Section
 
-    intrinsics = intrinsics_from_options(args) if args.source in PICTURES else None
+    intrinsics = intrinsics_from_options(args) if args.source in SOURCES_WITHOUT_LENS else None
     if not intrinsics:
         return draft
     camera = {
@@ -262,7 +262,7 @@ def _draft(args: argparse.Namespace) -> "SessionDraft":
     board = board_from_options(args)
     if args.source == "kalibr":
         return from_kalibr(args.path, board, args.camera)
-    assert board
+    assert board  # the parser requires --board of all sources below
     if args.source == "mrcal-corners":
         return from_corners(args.path, board, args.size, args.camera)
     if args.source == "ros":

@@ -45,9 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_effects(
         fit,
         "causes of error to add to the model: auto finds those that held-out placements confirm, as"
-        " calib rig diagnose does; NAME,... adds those listed below, to each camera that can have"
-        " them; none adds nothing, not even a bend of the board (default: the board's bend, if the"
-        " views show one)",
+        " calib rig diagnose does; NAME,... adds those listed under Effects, to each camera that"
+        " can have them; none adds nothing, not even a bend of the board (default: the"
+        " board's bend, if the views show one)",
     )
     add_fit_options(fit)
     fit.epilog = effect_names_help()

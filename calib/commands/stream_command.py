@@ -80,13 +80,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive_number,
         default=1.0,
         metavar="S",
-        help="size over the camera's, from 0.05 to 4 (default: 1)",
+        help="size of the straight picture divided by the camera's, from 0.05 to 4 (default: 1)",
     )
     parser.add_argument(
         "--pixels",
         choices=("y4m", "raw"),
         default="y4m",
-        help="of --to -: a video with a header, or the bytes of the pictures, BGR or grey"
+        help="with --to -: a video with a header, or the bytes of the pictures, BGR or grey"
         " (default: y4m)",
     )
     parser.add_argument(
@@ -94,13 +94,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive_number,
         default=30.0,
         metavar="N",
-        help="of --to -: frames a second in y4m's header (default: 30)",
+        help="with --to -: frames a second in y4m's header (default: 30)",
     )
     parser.add_argument(
         "--host",
         default="127.0.0.1",
         metavar="ADDRESS",
-        help="of --to http: the address to serve on (default: %(default)s, this machine alone)",
+        help="with --to http: the address to serve on (default: %(default)s, this machine alone)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
     parser.usage = "%(prog)s CALIBRATION --source SOURCE --depth M --to TARGET [options]"

@@ -31,7 +31,7 @@ Pictures may be colour or grey, 8 or 16 bit. Pixels that the camera does not see
 become 0. Videos lose their sound, and those of another type than avi, mp4, m4v, mov or mkv become
 mp4. If a video is cut off, the command undistorts the frames that it has, and the exit code is 3.
 
-Of a bag of ROS, one topic of pictures becomes straight: -o names the new file, .mcap, or .bag for
+In a ROS bag, the pictures of one topic are straightened. -o names the new file, .mcap, or .bag for
 ROS 1. Its camera_info is that of the straight camera, whose place a static transform states. All
 other messages are copied.
 """
@@ -71,8 +71,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--depth-topic",
         metavar="TOPIC",
         help=(
-            "of a bag, the topic with a depth for each pixel of the straightened pictures: 32FC1"
-            " metres or 16UC1 millimetres, raw or compressed"
+            "in a ROS bag, the topic with a depth for each pixel of the straightened pictures:"
+            " 32FC1 metres or 16UC1 millimetres, raw or compressed"
         ),
     )
     parser.add_argument(
@@ -100,11 +100,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--topic",
         metavar="TOPIC",
-        help="the pictures' topic of a bag, such as /camera/image_raw, if there are several",
+        help="the topic of a ROS bag's pictures, such as /camera/image_raw, if there are several",
     )
     add_output(
         parser,
-        "folder for the straightened files, which keep their names; of a bag the new file",
+        "folder for the straightened files, which keep their names; for a ROS bag, the new file",
         required=True,
     )
     add_overwrite(parser)
