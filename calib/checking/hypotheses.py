@@ -45,6 +45,10 @@ FORGOTTEN = (
     "these pictures look as if there was no cover: put it back, and take them again, or check that"
     " they are of this camera"
 )
+FORGOTTEN_IN_WATER = (
+    "these pictures look as if there was no cover, and the calibration is for water: take them"
+    " under water, through the cover, or check that they are of this camera"
+)
 IMMERSED = {
     WATER: "the pictures were taken under water, and the calibration is for air:"
     f" `calib immerse CALIBRATION --outside-index {MEDIA[WATER]:g}`, with the calibration that"
@@ -318,7 +322,9 @@ def _uncovered(prior: CalibrationPrior, views: CheckedViews, sigma: float) -> li
     """
     if not prior.model.path.cover:
         return []
-    return _through(prior.uncovered(), views, sigma, UNCOVERED, FORGOTTEN)
+    index = float(prior.model.means[prior.model.path.cover[-1].index_outside])
+    words = FORGOTTEN_IN_WATER if medium_word(index) == WATER else FORGOTTEN
+    return _through(prior.uncovered(), views, sigma, UNCOVERED, words)
 
 
 def _in_other_medium(

@@ -299,6 +299,9 @@ def _range_rows(calibration: Calibration) -> Iterator[tuple[str, ...]]:
     if np.isfinite(distance).any():
         near, far = distance_range(distance[np.isfinite(distance)])
         yield name, f"{near:.3g} to {far:.3g} m", "", "", ""
+    board = calibration.board
+    if board.has_grid:  # lengths and depths are right if these are
+        yield f"{board.cell}s", f"{1e3 * board.square:g} mm, as stated", "", "", ""
 
 
 def describe_bend(calibration: Calibration, verb: str = "is") -> str:

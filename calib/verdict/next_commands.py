@@ -23,7 +23,8 @@ HOLDOUT = "HOLDOUT"
 """The word in a command for a folder of views that were not fitted, which the user names."""
 HOLDOUT_NOTE = (
     "HOLDOUT is a folder of other pictures of this camera. If you have none, fit again with"
-    " --folds 5: it leaves out a fifth of your pictures at a time, and tests the fit on them."
+    " --folds 5 beside its other options: it leaves out a fifth of your pictures at a time, and"
+    " tests the fit on them."
 )
 TESTED_NOTE = (
     "HOLDOUT is a folder of other pictures of this camera. If you have none, leave this command"

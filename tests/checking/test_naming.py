@@ -4,9 +4,13 @@ a change of the camera.
 
 import pytest
 
+from calib.apply.change_medium import replace_medium
+from calib.checking.check import Checker
+from calib.checking.hypotheses import FORGOTTEN_IN_WATER
 from calib.checking.pictures import Pictures
 from calib.checking.result import CheckStatus
-from fixtures.later import NOISE, Later, mirrored, shaken, uncovered, zoomed
+from calib.session.schema import Number
+from fixtures.later import NOISE, Later, camera, mirrored, shaken, uncovered, zoomed
 from tests.checking.conftest import Made
 
 CASES = (
@@ -89,6 +93,15 @@ def test_a_cover_that_was_forgotten_is_no_thinner_glass(cameras: Made, shape: st
         CheckStatus.BROKEN,
         ["no_cover"],
     )
+
+
+def test_pictures_without_a_cover_may_also_be_in_air() -> None:
+    made, calibration = camera("flat", 3)
+    checker = Checker.of(replace_medium(calibration, Number(1.333)))
+    result = checker.check(Pictures(Later.drawn(uncovered(made), None, 107, 4).views(), made.board))
+    (change,) = result.changes
+    assert change.name == "no_cover"
+    assert change.words == FORGOTTEN_IN_WATER
 
 
 @pytest.mark.slow
