@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive_number,
         default=1.0,
         metavar="S",
-        help="size of the straight picture divided by the camera's, from 0.05 to 4 (default: 1)",
+        help="size divided by the camera's, 0.05 to 4 (default: 1)",
     )
     parser.add_argument(
         "--pixels",
@@ -94,7 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive_number,
         default=30.0,
         metavar="N",
-        help="with --to -: frames a second in y4m's header (default: 30)",
+        help="with --to -: frames a second in y4m (default: 30)",
     )
     parser.add_argument(
         "--host",

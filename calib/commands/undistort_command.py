@@ -108,6 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         required=True,
     )
     add_overwrite(parser)
+    parser.usage = "%(prog)s CALIBRATION FILE ... --depth M -o DIR [options]"
 
 
 def run(args: argparse.Namespace) -> None:
