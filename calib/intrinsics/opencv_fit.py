@@ -109,6 +109,6 @@ def has_pole(coefficients: NDArray[np.float64], corner: float) -> bool:
     denominator = 1 + square * (k4 + square * (k5 + square * k6))
     with np.errstate(divide="ignore"):
         reached = radius * (1 + square * (k1 + square * (k2 + square * k3))) / denominator
-    outside = np.flatnonzero(reached >= corner)
-    inside = denominator[: outside[0]] if len(outside) else denominator
-    return bool(inside.min() < LEAST_DENOMINATOR)
+    crossings = np.flatnonzero(reached >= corner)
+    in_picture = denominator[: crossings[0]] if len(crossings) else denominator
+    return bool(in_picture.min() < LEAST_DENOMINATOR)
