@@ -251,7 +251,7 @@ def test_the_advice_is_on_the_board_and_not_on_damaged_pictures(
     numbers = iter(range(3))
     monkeypatch.setattr(detect_all, "find_board", lambda *_: NotFound(f"reason {next(numbers)}"))
     coded = Board(9, 6, 0.03, coding=Charuco(0.02, "DICT_4X4_50"))
-    with pytest.raises(NotEnoughDataError, match=r"in 0 of 5 pictures: reason \d, or take more"):
+    with pytest.raises(NotEnoughDataError, match=r"in 0 of 5 pictures: reason \d, and check that"):
         detect(paths, coded)
 
 
