@@ -101,10 +101,10 @@ def undecided_medium(case: Case) -> Iterator[str]:
     word, name = medium_word(stated.value), opposite_medium(stated.value)
     if -OTHER_MEDIUM_LOG_ODDS < odds[word] - odds[name] < UNDECIDED_LOG_ODDS:
         yield (
-            f"these pictures fit {name} outside of the cover about as well as {word}. The numbers"
-            f" of camera and cover hold only if {word} is right: if it was {name},"
-            f" {case.next.name_medium(MEDIA[name])}. Pictures without the cover, in bare/, would"
-            " decide."
+            f"these pictures fit {name} outside of the cover about as well as {word}. If you know"
+            f" that it was {word}, ignore this. If it was {name}, the numbers of camera and cover"
+            f" are wrong: {case.next.name_medium(MEDIA[name])}. If you do not know, pictures without"
+            " the cover, in bare/, decide."
         )
 
 
