@@ -103,8 +103,8 @@ def undecided_medium(case: Case) -> Iterator[str]:
         yield (
             f"these pictures fit {name} outside of the cover about as well as {word}. If you know"
             f" that it was {word}, ignore this. If it was {name}, the numbers of camera and cover"
-            f" are wrong: {case.next.name_medium(MEDIA[name])}. If you do not know, pictures without"
-            " the cover, in bare/, decide."
+            f" are wrong: {case.next.name_medium(MEDIA[name])}. If you do not know, pictures"
+            " without the cover, in bare/, decide."
         )
 
 
