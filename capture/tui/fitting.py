@@ -71,7 +71,7 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
     verdict = judge(calibration, folder=saved.parent, in_form=True)
     observations = calibration.observations
     path, values = calibration.model()
-    declared = calibration.declared
+    declared, board = calibration.declared, calibration.board
     medium = declared.cover.medium
     is_lens_declared = calibration.outcome.intrinsics_from in (None, "session.yaml")
     has_lens = is_lens_declared and declared.intrinsics is not None
@@ -111,6 +111,7 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
         },
         "notes": verdict.notes,
         "medium": medium_word(medium.value) if medium else "",
+        "sides": f"{board.cell}s are {1e3 * board.square:g} mm" if board.has_grid else "",
         "sigma_px": [
             {"depth_m": depth, "px": px}
             for depth, px in map_sigmas(calibration, reached_depths(calibration)).items()

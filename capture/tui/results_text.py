@@ -117,13 +117,19 @@ class ResultsText:
             near, far = sigmas[0]["depth_m"], sigmas[-1]["depth_m"]
             yield (
                 f"The maps are accurate to {two_digits(worst)} px or better from {near:g} to"
-                f" {far:g} m (sigma)."
+                f" {far:g} m (sigma){self._if_sides_are_right}."
             )
         if noisier := self.result.get("noisier"):
             yield noisier
         if rejected := self.result["rejected"]:
             suffix = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
             yield f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){suffix}."
+
+    @property
+    def _if_sides_are_right(self) -> str:
+        """The condition that no picture can show: the stated size of the board's squares."""
+        sides = self.result.get("sides")
+        return f", if the board's {sides}" if sides else ""
 
     @property
     def _error(self) -> str:

@@ -108,6 +108,7 @@ DESCRIPTION = [
         "rows": [
             ["coverage", "81 % of the picture", "", "", ""],
             ["depth", "0.3 to 1.2 m", "", "", ""],
+            ["squares", "20 mm, as stated", "", "", ""],
         ],
     },
 ]
@@ -124,6 +125,7 @@ RESULT = {
         {"name": "cover+rbf", "title": "fitted cover", "rms_px": 0.079, "rmse_cm": 0.0053},
     ],
     "noise_px": 0.071,
+    "sides": "squares are 20 mm",
     "views": [
         {
             "file": f"{number:04d}.jpg",
