@@ -79,7 +79,7 @@ async def _finished(session: Path) -> None:
             "You can trust this calibration where the board was in the picture. The error fell"
             " from 0.4",
         )
-        await see(pilot, "The maps are accurate to")
+        await see(pilot, "if the board's squares are 20 mm.")
         await see(pilot, "e Diagnose c Check r Report x Export")
         await pilot.press("r")
         await see(pilot, "The report is ")
