@@ -169,7 +169,7 @@ def fit_joint(
     sigma = start.sigma if start else FIRST_SIGMA
     smoothness = ((start and start.smoothness) or UNEVEN_GLASS) if path.relief else None
     shared = parameters.vector(initial)
-    freedom = observations.residual_count - poses.numel()
+    freedom = max(1, observations.residual_count - poses.numel())
     merged = observations.merged_squares
     iterations = 0
     for tolerance in rounds:

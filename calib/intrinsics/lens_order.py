@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -234,6 +234,11 @@ def _fit(
     model = _model(name, float(begin.values[CAMERA.fx]), size)
     if board and board.is_flat:
         model = model.with_effect(BoardShape(*board.half, DEGREES[0]))
+    # What the simpler lens lacks starts at zero: the means of the priors belong together.
+    lacking = {
+        name: torch.zeros_like(model.means[name]) for name in model.means.keys() - begin.values
+    }
+    begin = replace(begin, values={**lacking, **begin.values})
     joint = model.fit(observations, poses, begin, ROUNDS)
     image = residuals(model.path, joint.values, observations, joint.poses).image
     seen = float(image.isfinite().all(-1).double().mean())
