@@ -47,7 +47,7 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.measured_sets import KEPT_BACK, PEERS, PYTHON, part_of, ratio_interval
+from benchmarks.measured_sets import THIRDS, PEERS, PYTHON, part_of, ratio_interval
 from calib.calibration import Calibration
 from calib.corners.view import View
 from calib.fit_record.request import Settings
@@ -102,7 +102,7 @@ def main() -> None:
     parser.add_argument("--diagnosed", action="store_true", help="diagnose the rig fit as well")
     options = parser.parse_args()
     pairs = options.pairs or [DATA / name for name in PAIRS]
-    remainders = range(KEPT_BACK) if options.thirds else (KEPT_BACK - 1,)
+    remainders = range(THIRDS) if options.thirds else (THIRDS - 1,)
     console = Console(width=140)
     for pair in pairs:
         if not (pair / NAMES[0]).is_dir():
@@ -153,7 +153,7 @@ def split_pair(
         out: the folder for both.
     """
     shared = shared_names([{view.name: view for view in views[name]} for name in NAMES])
-    kept_back = set(shared[remainder::KEPT_BACK])
+    kept_back = set(shared[remainder::THIRDS])
     folders = out / "fitted", out / "held_out"
     for folder, is_held_out in zip(folders, (False, True), strict=True):
         folder.mkdir()

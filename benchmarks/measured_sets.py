@@ -10,6 +10,8 @@ mrcal estimates the board's warp, and is left out where /usr/bin/python3 does no
 
     python -m benchmarks.measured_sets SESSION...
 
+--third 0 and --third 1 keep back the other views, on which decisions are made.
+
 With --halves, two halves of the views are fitted instead, even against odd and first against last:
 by how many of their standard deviations do fx, fy, cx and cy differ?
 
@@ -56,8 +58,8 @@ from calib.session.session import Session, read_session
 Floats = NDArray[np.float64]
 DRAWS = 4000
 """Draws for an interval."""
-KEPT_BACK = 3
-"""Every view of this number is kept back."""
+THIRDS = 3
+"""One of so many parts of the views is kept back."""
 PYTHON = "/usr/bin/python3"
 PEERS = Path(__file__).parents[1]
 OPENCV = {
@@ -71,13 +73,28 @@ def main() -> None:
     parser.add_argument("sessions", nargs="+", type=Path)
     parser.add_argument("--halves", action="store_true")
     parser.add_argument("--diagnosed", action="store_true")
+    parser.add_argument(
+        "--third",
+        type=int,
+        choices=range(THIRDS),
+        default=THIRDS - 1,
+        help="the first view that is kept back (default: 2)",
+    )
     args = parser.parse_args()
-    compare = compare_halves if args.halves else compare_peers
-    compare(args.sessions, diagnosed=args.diagnosed)
+    if args.halves:
+        compare_halves(args.sessions, diagnosed=args.diagnosed)
+    else:
+        compare_peers(args.sessions, args.third, diagnosed=args.diagnosed)
 
 
-def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
-    """Print the errors on the kept-back views, and the ratio to the best other program."""
+def compare_peers(folders: Sequence[Path], first: int, *, diagnosed: bool) -> None:
+    """Print the errors on the kept-back views, and the ratio to the best other program.
+
+    Args:
+        folders: the sessions.
+        first: the first view that is kept back, and every third from there on.
+        diagnosed: True to diagnose our fit.
+    """
     table = Table(
         *(
             "session",
@@ -96,7 +113,7 @@ def compare_peers(folders: Sequence[Path], *, diagnosed: bool) -> None:
     console = Console(width=200)
     for folder in folders:
         with TemporaryDirectory() as temporary:
-            training, held_out = split(folder, Path(temporary))
+            training, held_out = split(folder, first, Path(temporary))
             start = time.process_time()
             calibration = fit(training)
             held_out, wrong = without_wrong_corners(held_out, calibration, Path(temporary, "right"))
@@ -174,11 +191,11 @@ def names(diagnosis: Diagnosis) -> str:
     )
 
 
-def split(folder: Path, out: Path) -> tuple[Session, Session]:
+def split(folder: Path, first: int, out: Path) -> tuple[Session, Session]:
     """Return the session without its kept-back views, and a session of these."""
     views, _ = read_views(read_session(folder), Silent())
-    training = [view for index, view in enumerate(views) if index % KEPT_BACK != KEPT_BACK - 1]
-    held_out = views[KEPT_BACK - 1 :: KEPT_BACK]
+    training = [view for index, view in enumerate(views) if index % THIRDS != first]
+    held_out = views[first::THIRDS]
     return part_of(folder, training, out / "kept"), part_of(folder, held_out, out / "held_out")
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calib.corners.view import View, pose_labels
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import ROUNDS, JointFit, Start
+from calib.estimation.joint_fit import FIRST_SIGMA, ROUNDS, JointFit, Start
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
 from calib.inference.board_bend import estimate_board
@@ -46,7 +46,9 @@ def fit_with_bend(
     model = CameraModel(path, prior_means(values), priors_of(prior, NO_COVER, path))
     observations = Observations.of(views, board)
     with single_thread():
-        joint = model.fit(observations, torch.from_numpy(poses), Start(values, 0.1, None), ROUNDS)
+        joint = model.fit(
+            observations, torch.from_numpy(poses), Start(values, FIRST_SIGMA, None), ROUNDS
+        )
         _, joint = estimate_board(model, observations, joint, board, pose_labels(views))
     return estimated_intrinsics(joint, intrinsics) if joint.finite else intrinsics
 

@@ -100,13 +100,14 @@ class LensOrder:
         """True if the fit converged to numbers within what lenses can be."""
         values, means, sigmas = self.joint.values, self.model.means, self.model.priors.sigmas
         is_end = self.joint.outcome is Outcome.CONVERGED and self.sees_corners
-        camera, coefficients = opencv_intrinsics(values)
-        corner = float(np.hypot(*(camera[:2, 2] / camera.diagonal()[:2])))
-        is_lens = is_end and not has_pole(coefficients, corner)
-        return is_lens and all(
-            abs(float(values[name] - means[name])) < MAX_SIGMAS * sigmas[name]
-            for name in map(CAMERA.of, PHYSICAL)
-            if name in values
+        return (
+            is_end
+            and not has_pole(*opencv_intrinsics(values))
+            and all(
+                abs(float(values[name] - means[name])) < MAX_SIGMAS * sigmas[name]
+                for name in map(CAMERA.of, PHYSICAL)
+                if name in values
+            )
         )
 
     @property
@@ -246,7 +247,7 @@ def _fit(
 
 
 def _model(name: str, focal: float, size: tuple[int, int]) -> CameraModel:
-    """Return the model of a camera whose lens has coefficients around none."""
+    """Return the model of a camera whose lens is, in the mean of its prior, without distortion."""
     lens = OPENCV if name.isdigit() else name
     names = NAMES[lens][: int(name)] if name.isdigit() else NAMES[lens]
     intrinsics = Intrinsics(

@@ -101,14 +101,14 @@ def prior_means(values: Values) -> dict[str, Tensor]:
     distance r from the axis over that of the picture's corner. At zero, a lens with a pole would
     often be nearer than one without.
     """
-    radial = {name: CAMERA.of(name) for name in RADIAL_POWERS if CAMERA.of(name) in values}
     corner = torch.hypot(
         values[CAMERA.cx] / values[CAMERA.fx], values[CAMERA.cy] / values[CAMERA.fy]
     )
-    means = {
-        name: RATIONAL_TERMS[RADIAL_POWERS[radial_name]] / corner ** RADIAL_POWERS[radial_name]
-        if "k4" in radial
-        else torch.zeros_like(values[name])
-        for radial_name, name in radial.items()
-    }
-    return {**values, **means}
+    is_rational = CAMERA.of("k4") in values
+    means = dict(values)
+    for coefficient, power in RADIAL_POWERS.items():
+        name = CAMERA.of(coefficient)
+        if name in values:
+            term = RATIONAL_TERMS[power] if is_rational else 0.0
+            means[name] = term / corner**power
+    return means

@@ -46,11 +46,8 @@ class OpenCVFit:
 
     @property
     def has_pole(self) -> bool:
-        """True if the radial terms have a pole inside the picture, whose middle is near the
-        principal point.
-        """
-        corner = float(np.hypot(*(self.camera[:2, 2] / self.camera.diagonal()[:2])))
-        return has_pole(self.coefficients, corner)
+        """True if the radial terms have a pole inside the picture."""
+        return has_pole(self.camera, self.coefficients)
 
     def intrinsics(self, covariance: NDArray[np.float64]) -> Intrinsics:
         """Return the intrinsics with standard deviations and correlations from the covariance of
@@ -95,14 +92,15 @@ class OpenCVFit:
         return float(np.sqrt(((projected.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
 
 
-def has_pole(coefficients: NDArray[np.float64], corner: float) -> bool:
+def has_pole(camera: NDArray[np.float64], coefficients: NDArray[np.float64]) -> bool:
     """Return True if the rational radial terms of OpenCV's lens have a pole, or nearly one, between
-    the axis and the picture's corner.
+    the axis and the picture's corner. The picture's middle is taken to be the principal point.
 
     Args:
+        camera: (3, 3) camera matrix, px.
         coefficients: (count,) lens coefficients, in OpenCV's order.
-        corner: the distance of the picture's corner from the principal point over the focal length.
     """
+    corner = float(np.hypot(*(camera[:2, 2] / camera.diagonal()[:2])))
     k1, k2, _, _, k3, k4, k5, k6 = np.pad(coefficients[:8], (0, max(0, 8 - len(coefficients))))
     radius = np.tan(np.linspace(0.0, MAX_ANGLE, ANGLES))
     square = radius**2
