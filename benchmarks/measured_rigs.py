@@ -47,7 +47,7 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.measured_sets import THIRDS, PEERS, PYTHON, part_of, ratio_interval
+from benchmarks.measured_sets import PEERS, PYTHON, THIRDS, part_of, ratio_interval
 from calib.calibration import Calibration
 from calib.corners.view import View
 from calib.fit_record.request import Settings
