@@ -19,12 +19,6 @@ KEYBOARD_ONLY = (
     " Type --crop 0 for a picture with no black border.",
 )
 """Sentences that mean nothing without a keyboard."""
-COVER_COMMAND = re.compile(
-    r"\b(?:type|try) `calib fit [^`]*--cover ([a-z]+)`(?: or `--cover [a-z]+`)*"
-)
-"""Matches the command of a terminal that declares the shape of the cover."""
-SHAPE_WORDS = {"unknown": "the shape unknown"}
-"""The words on a page for the shapes of these commands: a page has a list of shapes."""
 NOT_KNOWN = "Touch 'not known' if you do not know."
 WRITTEN_UNKNOWN = ", or unknown"
 """The end of a list of what a number may be; a page has a button for unknown."""
@@ -52,9 +46,6 @@ def name_buttons(text: str, labels: Mapping[str, str]) -> str:
     text = text.replace("? if you do not know.", NOT_KNOWN)
     text = text.replace(WRITTEN_UNKNOWN, TOUCHED_UNKNOWN)
     text = text.replace("The set-up: ", "")
-    text = COVER_COMMAND.sub(
-        lambda match: f"choose {SHAPE_WORDS.get(match[1], 'its shape')} in the Set-up", text
-    )
     text = re.sub(r"^source (?=is )", f"{readable_key('source')!r} ", text)
     text = re.sub(r"\b(in|correct) session\.yaml", r"\1 the Set-up", text)
     text = re.sub(r"\b(?:board|cover)\.([a-z_]+)", lambda match: readable_key(match[1]), text)

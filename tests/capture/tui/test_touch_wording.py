@@ -31,8 +31,6 @@ LABELS = {
         ("From 10 views on you may go on (f).", "From 10 views on you may go on (Fit)."),
         ("Press a to add one.", "Touch Add to add one."),
         ("Look at it, and write cover.shape in session.yaml.", "Look at it, and write shape in the Set-up."),  # noqa: E501
-        ("Look, and type `calib fit a/b --cover cone` or `--cover flat`.", "Look, and choose its shape in the Set-up."),  # noqa: E501
-        ("A cover first (try `calib fit s --cover unknown`).", "A cover first (choose the shape unknown in the Set-up)."),  # noqa: E501
         ("source is empty: write one.", "'pictures from' is empty: write one."),
         ("The set-up: board.square_mm is 0: write a number.", "square (mm) is 0: write a number."),
         ("The set-up: cover.tilt_deg is 1: write two.", "tilt (degrees) is 1: write two."),
