@@ -4,7 +4,10 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from capture.errors import CaptureError
 from capture.frames import FrameSource
@@ -12,14 +15,24 @@ from capture.reader import Reader
 from capture.streaming.statistics import StreamStatistics
 from capture.streaming.target import ReaderGoneError, StreamTarget, TargetError
 
-if TYPE_CHECKING:  # it loads torch
-    from capture.streaming.straightener import Straightener
-
 RETRY_S = 1.0
 """The time in s between two attempts to open a camera that has gone."""
 
 Ending = Literal["source", "interrupted", "reader"]
 """What ended a stream: its source has no more frames, the person, or the reader of a pipe."""
+
+
+class PictureMaker(Protocol):
+    """What makes the pictures: a `Straightener`, which loads torch."""
+
+    @property
+    def depth_images(self) -> int | None:
+        """The number of depth images that were read; None for a stream at one depth."""
+        ...
+
+    def straighten(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return the picture of a frame; both are (H, W) grey or (H, W, 3) BGR."""
+        ...
 
 
 class StreamListener(Protocol):
@@ -42,7 +55,7 @@ class Stream:
     def __init__(
         self,
         open_source: Callable[[], FrameSource],
-        straightener: "Straightener",
+        straightener: PictureMaker,
         targets: Sequence[StreamTarget],
         listener: StreamListener,
         *,

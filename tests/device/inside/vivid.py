@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capture.sources.registry import open_source
 from capture.streaming.statistics import StreamStatistics
@@ -106,7 +107,9 @@ def refusing() -> dict[str, Any]:
 class Unchanged:
     """The straightener of a stream without maps, which would load torch."""
 
-    def straighten(self, pixels: np.ndarray) -> np.ndarray:
+    depth_images = None
+
+    def straighten(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return pixels
 
 
@@ -118,10 +121,9 @@ class Script:
     def __init__(self) -> None:
         self.sentences: list[str] = []
         self.shapes: set[tuple[int, ...]] = set()
-        straightener: Any = Unchanged()
         options = {"colour": "yes", "auto": "yes"}
         source = partial(open_source, SOURCE, camera_options=options)
-        self.stream = Stream(source, straightener, [self], self)
+        self.stream = Stream(source, Unchanged(), [self], self)
 
     def __enter__(self) -> Self:
         return self
