@@ -1,7 +1,8 @@
 """The pages that say what the code says: every key of session.yaml, and every command."""
 
+import argparse
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,6 @@ import yaml
 
 from calib import cli
 from calib.commands.command_line import _parser
-from calib.commands.parser import command_name
 from calib.errors import InputError, NotEnoughDataError
 from calib.session.board_section import EXAMPLES, KEYS, read_board
 from calib.session.camera import read_camera
@@ -17,7 +17,9 @@ from calib.session.cover_section import cover_sections, read_cover
 from calib.session.schema import Section
 from calib.session.session import read_session
 from calib.session.shapes.registry import find_shape, stated_shape_names
-from fixtures.pages import BOARD_DEFAULTS, COMMANDS_HEAD, pages
+from capture import cli as capture_cli
+from fixtures import command_page
+from fixtures.pages import BOARD_DEFAULTS, pages
 
 DOCS = Path(__file__).parents[1] / "docs"
 GLASS_KEYS = ("low", "high", "degree", "mean_um", "covariance_um2", "covariance_um")
@@ -119,18 +121,58 @@ def test_the_examples_are_read() -> None:
 
 
 def test_every_exit_code_is_on_the_page() -> None:
-    codes = {int(code) for code in re.findall(r"^\| (\d) \|", COMMANDS_HEAD, re.MULTILINE)}
+    codes = {int(code) for code in re.findall(r"^\| (\d) \|", command_page.HEAD, re.MULTILINE)}
     assert codes >= {InputError.exit_code, NotEnoughDataError.exit_code}
 
 
-def test_every_option_is_on_the_page() -> None:
-    page = pages()["command-line.md"]
-    parser = _parser("calib", "", cli.COMMANDS, cli.GROUPS)
-    for command in cli.COMMANDS:
-        assert f"### calib {command_name(command)}\n" in page
-    options = set(re.findall(r"--[a-z][\w-]+", parser.format_help()))
-    assert "--version" in options
-    assert page.count("| `-q, --quiet` |") >= len(cli.COMMANDS)
+def test_every_option_is_in_its_command_s_section_or_in_a_table_that_the_section_links_to() -> None:
+    sections = _sections(pages()["command-line.md"])
+    parsers = {"calib": _parser("calib", "", cli.COMMANDS, cli.GROUPS)}
+    parsers["capture"] = _parser("capture", "", capture_cli.COMMANDS)
+    commands = dict(_commands(parsers))
+    assert len(commands) > 30
+    for title, parser in commands.items():
+        links = re.findall(r"\[([^]]*)\]\(#(\w+)-options\)", sections[title])
+        for action in parser._actions:
+            if isinstance(action, argparse._HelpAction) or action.help == argparse.SUPPRESS:
+                continue
+            for name in action.option_strings[-1:]:
+                shared = [
+                    sections[f"{topic.capitalize()} options"]
+                    for names, topic in links
+                    if f"`{name}`" in names or names == f"all {topic} options"
+                ]
+                tables = [sections[title], *shared]
+                rows = [row for table in tables for row in _rows_of(name, table)]
+                assert len(rows) == 1, (title, name)
+                default = {"default": action.default, "prog": parser.prog}
+                words = " ".join(((action.help or "") % default).split())
+                assert re.sub(r"docs/([\w-]+)\.md", r"[\1](\1.md)", words) in rows[0].replace(
+                    "\\", ""
+                )
+
+
+def _sections(page: str) -> dict[str, str]:
+    """Return the text of each section by its heading."""
+    parts = re.split(r"^#{2,4} (.*)$", page, flags=re.MULTILINE)[1:]
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def _commands(
+    parsers: Mapping[str, argparse.ArgumentParser],
+) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Yield every command below the given ones, such as calib rig fit, with its parser."""
+    for title, parser in parsers.items():
+        for action in parser._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                inner = {f"{title} {name}": choice for name, choice in action.choices.items()}
+                yield from inner.items()
+                yield from _commands(inner)
+
+
+def _rows_of(option: str, text: str) -> list[str]:
+    """Return the lines of the tables in a text that explain an option."""
+    return re.findall(rf"^\| `(?:-\w, )?{option}[ `].*$", text, re.MULTILINE)
 
 
 def _section(values: Mapping[str, object]) -> Section:
