@@ -35,7 +35,8 @@ from calib.estimation.relief_heights import height_spread
 from calib.fit_record.request import Settings
 from calib.fitting.declared import comparisons
 from calib.fitting.fit import fit
-from calib.fitting.stages import Setup, fit_stages
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.progress import Silent
 from calib.session.freeing import ALL, AUTO, NONE
 from calib.session.session import read_session

@@ -23,7 +23,7 @@ from rich.table import Table
 
 from benchmarks.workers import add_workers, workers_of
 from calib.corners.view import View
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.planning.design import Design

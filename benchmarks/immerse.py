@@ -35,7 +35,7 @@ from calib.diagnosis.all_free import all_free
 from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.progress import Silent
 from calib.session.cover import Cover
 from calib.session.schema import Number
@@ -90,8 +90,8 @@ def drawn(seed: int) -> tuple[float, float, float]:
     cover = paper_cone(0.00115)
     made = scene(seed, 20, (4, 4), 3e-6, 0.1, cover=cover)
     intrinsics, declared_cover = misdeclared(np.random.default_rng(seed), INTRINSICS, cover)
-    nominal = Setup(made.board, replace(CAMERA, intrinsics=intrinsics), intrinsics, declared_cover)
-    dry = calibrated(made, nominal, Settings())
+    setup = Setup(made.board, replace(CAMERA, intrinsics=intrinsics), intrinsics, declared_cover)
+    dry = calibrated(made, setup, Settings())
     dry = all_free(replace(dry, request=FitRequest(Settings())))
     carried = replace_medium(dry, Number(WATER))
     values = {**made.values, "cover.outside_index": torch.tensor(WATER, dtype=torch.float64)}

@@ -21,7 +21,8 @@ from benchmarks.peers.scenes import GLASSES, make, observed
 from calib.estimation.normal_equations import normal_equations
 from calib.estimation.residual_blocks import ResidualBlock, make_residual_blocks, pixel_weights
 from calib.fit_record.request import Settings
-from calib.fitting.stages import Setup, fit_stages
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.optics.board_target import Placement
 from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values

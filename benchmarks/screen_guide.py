@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from calib.corners.view import View
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project
 from calib.planning.information import estimate

@@ -46,7 +46,7 @@ from rich.table import Table
 from benchmarks.workers import Workers, add_workers, workers_of
 from calib.fit_record.request import Settings
 from calib.fitting.declared import comparisons
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
 from calib.session.freeing import ALL, AUTO, NONE

@@ -178,7 +178,7 @@ def answers(request: Request) -> Iterator[Answer]:
     from calib.corners.view import View
     from calib.fit_record.request import Settings
     from calib.fitting.cross_validation import cross_validate
-    from calib.fitting.stages import Setup
+    from calib.fitting.setup import Setup
     from calib.planning.information import estimate
     from calib.progress import Silent
     from calib.threads import single_thread

@@ -18,7 +18,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.fit_record.request import Settings
 from calib.fitting import fit_result
 from calib.fitting.declared import comparisons
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.inference.fitted_model import FittedModel
 from calib.optics.build import covered_path
 from calib.optics.exposure import MIDDLE

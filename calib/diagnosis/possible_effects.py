@@ -12,7 +12,7 @@ from calib.effects.screen_glass import ScreenGlass
 from calib.errors import InputError
 from calib.estimation.stated_priors import priors_of
 from calib.fit_record.request import Settings
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.optics.build import covered_path, with_relief
 from calib.optics.relief import AMPLITUDES, Relief
 from calib.session.camera import Intrinsics

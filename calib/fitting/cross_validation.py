@@ -13,7 +13,8 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fit_record.outcome import CrossValidation
 from calib.fit_record.request import Settings
-from calib.fitting.stages import Setup, fit_stages
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.progress import Progress, Silent
 from calib.threads import single_thread
 

@@ -28,10 +28,10 @@ from calib.fitting.inputs import FitInputs, gather_inputs
 from calib.fitting.other_medium import medium_log_odds
 from calib.fitting.picture_settings import describe_mixed_settings
 from calib.fitting.provenance import provenance
-from calib.fitting.repeated_fit import RepeatedFit, check_enough, nominal_setup
+from calib.fitting.repeated_fit import RepeatedFit, check_enough, setup_of
 from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
+from calib.fitting.setup import Setup
 from calib.fitting.shape_choice import ShapeChoice, camera_sigma, choose_shape
-from calib.fitting.stages import Setup
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.progress import Progress, Silent, check_progress
 from calib.session.numbers import unknown_names
@@ -80,27 +80,27 @@ def fit(
     source = session if views is None else None
     inputs = gather_inputs(session, progress, views)
     expectation = Expectation.of(session, inputs)
-    nominal = expectation.nominal if expectation else nominal_setup(session, inputs)
-    nominal, choice = _with_unknown_numbers(nominal, inputs, settings, progress)
-    settings, grids = _with_grid(settings, nominal, inputs, progress)
+    session_setup = expectation.with_prior if expectation else setup_of(session, inputs)
+    session_setup, choice = _with_unknown_numbers(session_setup, inputs, settings, progress)
+    settings, grids = _with_grid(settings, session_setup, inputs, progress)
     has_pictures = source and source.frames and not source.corners
     repeated = RepeatedFit(
-        session, inputs, settings, progress, nominal, redetects=bool(has_pictures)
+        session, inputs, settings, progress, session_setup, redetects=bool(has_pictures)
     )
     repeated.run()
-    views, fitted, nominal = repeated.views, repeated.fitted, repeated.nominal
+    views, fitted, session_setup = repeated.views, repeated.fitted, repeated.session_setup
     prior: FleetPriorTest | None = None
     media: Mapping[str, float] | None = None
     with single_thread():
         if settings.method == "joint" and not expectation:
-            media = medium_log_odds(nominal, fitted, views, settings, progress)
+            media = medium_log_odds(session_setup, fitted, views, settings, progress)
         if inputs.is_own:
             resolved = ResolvedFit(fitted, repeated.setup, repeated.setup)
         elif expectation:
             resolved, prior = expectation.resolve(fitted, views, settings, progress)
         else:
             resolved = resolve_prior_conflict(
-                fitted, repeated.setup, nominal, views, settings, progress
+                fitted, repeated.setup, session_setup, views, settings, progress
             )
         joint, uncertainty = _with_uncertainty(resolved, views, session)
     validation: CrossValidation | None = None
@@ -132,21 +132,21 @@ def fit(
 
 
 def _with_unknown_numbers(
-    nominal: Setup, inputs: FitInputs, settings: Settings, progress: Progress
+    setup: Setup, inputs: FitInputs, settings: Settings, progress: Progress
 ) -> tuple[Setup, ShapeChoice | None]:
     """Return the setup with the most probable shape of a cover whose shape is unknown, and with
     values from which its unknown numbers start; and the choice of the shape, if there was one.
     """
     choice: ShapeChoice | None = None
-    if nominal.cover.has_unknown_shape:
-        check_enough(nominal.board, inputs.views, inputs.rejected)
-        choice = choose_shape(nominal, inputs.views, settings, progress)
-        nominal = choice.setup
-    if unknown_names(nominal.intrinsics, nominal.cover):
-        check_enough(nominal.board, inputs.views, inputs.rejected)
+    if setup.cover.has_unknown_shape:
+        check_enough(setup.board, inputs.views, inputs.rejected)
+        choice = choose_shape(setup, inputs.views, settings, progress)
+        setup = choice.setup
+    if unknown_names(setup.intrinsics, setup.cover):
+        check_enough(setup.board, inputs.views, inputs.rejected)
         with single_thread():
-            nominal = with_initial_values(nominal, inputs.views, progress)
-    return nominal, choice
+            setup = with_initial_values(setup, inputs.views, progress)
+    return setup, choice
 
 
 def _camera_sigma(resolved: ResolvedFit, choice: ShapeChoice | None) -> Mapping[str, float]:
@@ -165,18 +165,18 @@ def _rival_lens(resolved: ResolvedFit) -> dict[str, float]:
 
 
 def _with_grid(
-    settings: Settings, nominal: Setup, inputs: FitInputs, progress: Progress
+    settings: Settings, setup: Setup, inputs: FitInputs, progress: Progress
 ) -> tuple[Settings, dict[str, float]]:
     """Return the settings with a grid of the relief, chosen by held-out views where they have none;
     and the held-out error of each grid that was tried.
     """
     views, rejected = inputs.views, inputs.rejected
     if settings.folds:
-        check_enough(nominal.board, views, rejected, settings.folds)
+        check_enough(setup.board, views, rejected, settings.folds)
     if settings.grid is not None:
         return settings, {}
-    check_enough(nominal.board, views, rejected, GRID_FOLDS)
-    grid, grids = choose_grid(nominal.with_tolerances(settings), views, settings, progress)
+    check_enough(setup.board, views, rejected, GRID_FOLDS)
+    grid, grids = choose_grid(setup.with_tolerances(settings), views, settings, progress)
     return replace(settings, grid=grid), grids
 
 

@@ -15,6 +15,7 @@ from calib.estimation.likelihood_information import (
 from calib.estimation.observations import Observations
 from calib.fit_record.outcome import FleetPriorTest
 from calib.fit_record.request import Settings
+from calib.fitting.fitted import Fitted
 from calib.fitting.inputs import FitInputs
 from calib.fitting.resolve_prior_conflict import (
     ResolvedFit,
@@ -22,7 +23,8 @@ from calib.fitting.resolve_prior_conflict import (
     log_evidence,
     resolve_prior_conflict,
 )
-from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.progress import Progress
 from calib.session.fleet_prior import FleetPrior, combine_with_prior
 from calib.session.numbers import covariance_of
@@ -39,7 +41,7 @@ class Expectation:
     """A session's setup with its fleet's prior and without it."""
 
     prior: FleetPrior
-    nominal: Setup
+    with_prior: Setup
     """The setup with the fleet's prior."""
     without_prior: Setup
     """The setup as the session describes it."""
@@ -60,8 +62,8 @@ class Expectation:
         intrinsics, cover = combine_with_prior(
             prior, camera_intrinsics, session.cover, str(session.path / "session.yaml")
         )
-        nominal = replace(without_prior, intrinsics=intrinsics, cover=cover)
-        return Expectation(prior, nominal, without_prior)
+        with_prior = replace(without_prior, intrinsics=intrinsics, cover=cover)
+        return Expectation(prior, with_prior, without_prior)
 
     def resolve(
         self, fitted: Fitted, views: tuple[View, ...], settings: Settings, progress: Progress
@@ -73,7 +75,7 @@ class Expectation:
         only FALSE_ALARM of the fleet's cameras would be. Or the residual exceeds the corners' noise
         and a fit without the prior is more probable.
         """
-        setup = self.nominal.with_tolerances(settings)
+        setup = self.with_prior.with_tolerances(settings)
         conflict, pulls = self._prior_conflict(fitted)
         is_outlier = conflict.p_value < FALSE_ALARM
         if is_outlier or not at_noise(ResolvedFit(fitted, setup, setup), views):
@@ -92,7 +94,7 @@ class Expectation:
                     refitted, free_setup, self.without_prior, views, settings, progress
                 )
                 return resolved, self._record(conflict, pulls, used=False)
-        resolved = resolve_prior_conflict(fitted, setup, self.nominal, views, settings, progress)
+        resolved = resolve_prior_conflict(fitted, setup, self.with_prior, views, settings, progress)
         return resolved, self._record(conflict, pulls, used=True)
 
     def _prior_conflict(self, fitted: Fitted) -> tuple[PriorConflict, dict[str, float]]:
@@ -113,7 +115,7 @@ class Expectation:
         covariance = joint.covariance.numpy()[np.ix_(places, places)] * scales[:, None] * scales
         mean = np.array([float(joint.values[name]) for name in names])
         prior_mean = np.array([float(parameters.origin[name]) for name in names])
-        prior = covariance_of(self.nominal.intrinsics, self.nominal.cover, names)
+        prior = covariance_of(self.with_prior.intrinsics, self.with_prior.cover, names)
         likelihood = LikelihoodInformation.between(mean, covariance, prior_mean, prior)
         deviations = likelihood.deviations(prior_mean, prior)
         pulls = dict(zip(names, map(float, deviations), strict=True))

@@ -24,7 +24,7 @@ from calib.corners.measure import MeasuredCorners, measure_corners
 from calib.corners.view import View
 from calib.corners.weights import weigh_views
 from calib.fit_record.outcome import Redetection
-from calib.fitting.stages import Fitted
+from calib.fitting.fitted import Fitted
 from calib.io.images import read_grey
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project

@@ -25,7 +25,9 @@ from calib.estimation.poses import refit_poses, rough_poses
 from calib.fit_record.request import Settings
 from calib.fitting.board_turns import RENUMBERED, turn_back
 from calib.fitting.differing import Differing
-from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting.fitted import Fitted
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.inference.effect_context import effect_context
 from calib.inference.fitted_model import FittedModel
 from calib.inference.naming import NAME_ALONE

@@ -18,7 +18,9 @@ from calib.estimation.observations import Observations
 from calib.estimation.prior_conflict import PRIOR_INFLATION, contradicts_prior
 from calib.estimation.stated_priors import widen_prior
 from calib.fit_record.request import EVEN_GRID, Settings
-from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting.fitted import Fitted
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.progress import Progress
 from calib.session.cover import AUTO
 from calib.session.numbers import camera_numbers

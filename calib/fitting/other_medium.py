@@ -7,7 +7,9 @@ from dataclasses import replace
 
 from calib.corners.view import View
 from calib.fit_record.request import EVEN_GRID, Settings
-from calib.fitting.stages import Fitted, Setup, fit_or_none
+from calib.fitting.fitted import Fitted
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_or_none
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.progress import Progress
 from calib.session.numbers import unknown_names
@@ -28,35 +30,35 @@ of water are e^-44 with even glass and e^1055 with uneven glass.
 
 
 def medium_log_odds(
-    nominal: Setup, fitted: Fitted, views: Sequence[View], settings: Settings, progress: Progress
+    setup: Setup, fitted: Fitted, views: Sequence[View], settings: Settings, progress: Progress
 ) -> Mapping[str, float] | None:
     """Return the logarithm of the odds of air and of water, 0 for the more probable one; None if
     every number is known, or the medium itself is estimated.
 
     Args:
-        nominal: the setup of the session, with a start for its unknown numbers.
+        setup: the setup of the session, with a start for its unknown numbers.
         fitted: its fit to the views.
     """
-    medium = nominal.cover.medium
+    medium = setup.cover.medium
     is_told = medium and medium.sigma < TOLD and not medium.unknown
-    if not is_told or not unknown_names(nominal.intrinsics, nominal.cover):
+    if not is_told or not unknown_names(setup.intrinsics, setup.cover):
         return None
     if not (fitted.joint and fitted.joint.finite):
         return None
     assert medium
     stated = medium_word(medium.value)
     rival_name = opposite_medium(medium.value)
-    cover = nominal.cover.replace_medium(Number(MEDIA[rival_name]), None)
-    rival = replace(nominal, cover=cover, initial={})
+    cover = setup.cover.replace_medium(Number(MEDIA[rival_name]), None)
+    rival = replace(setup, cover=cover, initial={})
     sample = views[:: -(-len(views) // COMPARED_VIEWS)]
     even_glass = replace(settings, grid=EVEN_GRID)
     rival = with_initial_values(rival, sample, progress)
     rival_fit = fit_or_none(rival, sample, even_glass, progress, f"if in {rival_name}")
-    fit = fit_or_none(nominal, sample, even_glass, progress, f"if in {stated}")
+    fit = fit_or_none(setup, sample, even_glass, progress, f"if in {stated}")
     log_odds = _log_marginal(rival_fit) - _log_marginal(fit) if rival_fit and fit else 0.0
     if log_odds > LIKELY:
         rival_fit = fit_or_none(rival, views, settings, progress, f"if in {rival_name}")
-        if rival_fit and rival_fit.leaves_noise(views, nominal.board, NEAR_NOISE):
+        if rival_fit and rival_fit.leaves_noise(views, setup.board, NEAR_NOISE):
             log_odds = min(log_odds, _log_marginal(rival_fit) - fitted.joint.log_marginal)
         else:
             log_odds = 0.0

@@ -22,10 +22,12 @@ from calib.fit_record.outcome import Redetection
 from calib.fit_record.request import Settings
 from calib.fitting.board_turns import RENUMBERED, turn_back
 from calib.fitting.corner_outliers import find_outlier_corners, without_corners
+from calib.fitting.fitted import Fitted
 from calib.fitting.guided_redetection import redetect_corners
 from calib.fitting.half_turns import HalfTurned
 from calib.fitting.inputs import FitInputs, recalibrate_bare
-from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.fitting.view_noise import weigh_noisy_views
 from calib.io.numerals import counted
 from calib.progress import Progress
@@ -47,8 +49,8 @@ class RepeatedFit:
     inputs: FitInputs
     settings: Settings
     progress: Progress
-    nominal: Setup
-    """The declared setup."""
+    session_setup: Setup
+    """The setup as the session declares it."""
     redetects: bool
     """True until missed corners have been looked for; false for a session without pictures."""
     views: tuple[View, ...] = field(init=False)
@@ -80,7 +82,7 @@ class RepeatedFit:
     @property
     def setup(self) -> Setup:
         """The declared setup, with a tolerance for each number that the settings estimate."""
-        return self.nominal.with_tolerances(self.settings)
+        return self.session_setup.with_tolerances(self.settings)
 
     @property
     def fitted(self) -> Fitted:
@@ -265,7 +267,7 @@ class RepeatedFit:
         self.inputs = replace(
             self.inputs, intrinsics=bare.intrinsics, intrinsics_are_final=bare.final
         )
-        self.nominal = nominal_setup(self.session, self.inputs)
+        self.session_setup = setup_of(self.session, self.inputs)
 
     def _weigh_noisy_views(self, observations: Observations) -> None:
         """Give noisy views less weight, and fit once more if there are any.
@@ -288,7 +290,7 @@ class RepeatedFit:
             )
 
 
-def nominal_setup(session: Session, inputs: FitInputs) -> Setup:
+def setup_of(session: Session, inputs: FitInputs) -> Setup:
     """Return the setup that a session declares."""
     return Setup(
         session.board,

@@ -29,8 +29,10 @@ from calib.estimation.prior_conflict import (
 from calib.estimation.relief_heights import height_spread
 from calib.estimation.stated_priors import widen_prior
 from calib.fit_record.request import EVEN_GRID, Settings
+from calib.fitting.fitted import Fitted
 from calib.fitting.other_lens import find_other_lens
-from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.progress import Progress
 from calib.session.freeing import AUTO
 from calib.session.numbers import unknown_names

@@ -14,7 +14,9 @@ from calib.estimation.joint_fit import ROUNDS
 from calib.estimation.observations import Observations
 from calib.fit_record.outcome import MIN_SHAPE_LOG_ODDS
 from calib.fit_record.request import EVEN_GRID, Settings
-from calib.fitting.stages import Fitted, Setup, fit_or_none
+from calib.fitting.fitted import Fitted
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_or_none
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.progress import Progress
 from calib.session.freeing import ALL, AUTO, free_parameters

@@ -17,7 +17,8 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
 from calib.estimation.stated_priors import priors_of
-from calib.fitting.stages import MAX_LOST_FRACTION, Setup
+from calib.fitting.setup import Setup
+from calib.fitting.stages import MAX_LOST_FRACTION
 from calib.intrinsics.calibrate import calibrate_bare
 from calib.optics.build import covered_path, pinhole_path
 from calib.optics.params import Values

@@ -25,7 +25,8 @@ from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
 from calib.estimation.view_equations import information, view_equations
 from calib.fit_record.request import Settings
-from calib.fitting.stages import Setup, fit_stages
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.optics.build import covered_path, footprint, relief_over, with_relief
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.fitting.stages import PINHOLE_STAGE
+from calib.fitting.fitted import PINHOLE_STAGE
 from calib.report.corners import corner_step, shown_corners
 from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing

@@ -31,7 +31,7 @@ from calib.fit_record.request import FitRequest, Settings
 from calib.fitting.corner_range import corners_at
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.optics.exposure import MIDDLE
 from calib.optics.relief import Relief
 from calib.session.camera import Camera, Intrinsics
@@ -260,8 +260,8 @@ def test_a_held_number_gets_the_tolerance_of_its_kind() -> None:
         for name, number in paper_cone().parameters.items()
     }
     made = scene(5, views=12, noise=0.1)
-    nominal = Setup(made.board, CAMERA, INTRINSICS, Cover("cone", numbers))
-    held = calibrated(made, nominal, Settings(grid=(4, 4), free=(NONE,)))
+    setup = Setup(made.board, CAMERA, INTRINSICS, Cover("cone", numbers))
+    held = calibrated(made, setup, Settings(grid=(4, 4), free=(NONE,)))
     assert not any(number.sigma for number in held.cover.parameters.values())
     assert all_free(held) is held
     freed = all_free(replace(held, request=FitRequest(Settings(free=(AUTO,)))))

@@ -13,7 +13,8 @@ from calib.calibration import Calibration
 from calib.export.npz import write_npz
 from calib.fit_record.request import Settings
 from calib.fitting.corner_range import corners_at
-from calib.fitting.stages import Setup, fit_stages
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.io.file_set import FileSet
 from calib.optics.exposure import MIDDLE
 from calib.progress import Silent

@@ -7,7 +7,7 @@ from calib.calibration import Calibration
 from calib.checking.prior import CalibrationPrior
 from calib.estimation.covariance import covariance_root
 from calib.fit_record.request import Settings
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.optics.exposure import MIDDLE
 from fixtures.calibrated import CAMERA, calibrate, tolerant
 from fixtures.synthetic import INTRINSICS, scene

@@ -13,8 +13,10 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.residuals import residuals
 from calib.fit_record.request import Settings
-from calib.fitting import stages
-from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting import fit_job
+from calib.fitting.fitted import Fitted
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import score_tests
 from calib.progress import Silent
@@ -39,7 +41,7 @@ def fitted_with(made: Scene, cells: int, tolerance: float) -> Fitted:
     setup = Setup(made.board, camera, INTRINSICS, made.cover).with_tolerances(settings)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(corner_cells, "CELLS", cells)
-        patch.setattr(stages, "LAST_ROUNDS", (stages.LAST_ROUNDS[0], tolerance))
+        patch.setattr(fit_job, "LAST_ROUNDS", (fit_job.LAST_ROUNDS[0], tolerance))
         return fit_stages(setup, made.observations, settings, Silent())
 
 

@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 
 from calib.estimation.prior_conflict import PRIOR_INFLATION, log_odds_of_swap
 from calib.fit_record.request import Settings
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.session.schema import Number
 from fixtures.calibrated import CAMERA, tolerant
 from fixtures.synthetic import INTRINSICS, Scene, scene

@@ -23,7 +23,7 @@ from calib.effects.thickness import Thickness
 from calib.fit_record.history import AcceptedEffect, DiagnosisRecord, EffectEstimate, History
 from calib.fitting import fit_result
 from calib.fitting.declared import comparisons, effect_comparisons
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.inference.fitted_model import FittedModel
 from calib.report.effects import effect_rows
 from calib.rounding import two_digits, with_sigma

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.corners.view import View
 from calib.fit_record.request import Settings
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.optics.build import covered_path
 from calib.optics.exposure import MIDDLE
 from calib.optics.projection import project

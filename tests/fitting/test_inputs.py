@@ -23,7 +23,8 @@ from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.fitting.inputs import read_views, session_of_pictures
-from calib.fitting.stages import Setup, fit_stages
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.progress import Advance, Silent
 from calib.session.session import read_session
 from calib.verdict.judge import judge

@@ -22,7 +22,8 @@ from calib.export.formats import COLMAP, ROS
 from calib.fit_record.request import Settings
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.stages import Setup, fit_stages
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.intrinsics.calibrate import calibrate_bare
 from calib.intrinsics.ray_lens import PLAIN, SPLINES
 from calib.intrinsics.ray_lens_fit import fit_lens

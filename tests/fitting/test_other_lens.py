@@ -8,7 +8,7 @@ import pytest
 from calib.calibration import Calibration
 from calib.fit_record.request import Settings
 from calib.fitting.declared import comparisons
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.session.camera import Intrinsics
 from calib.session.parameter_names import CAMERA
 from calib.session.schema import Number

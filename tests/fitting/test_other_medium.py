@@ -10,7 +10,8 @@ from calib.calibration import Calibration
 from calib.corners.view import pose_labels
 from calib.fit_record.request import EVEN_GRID, Settings
 from calib.fitting.other_medium import LIKELY, medium_log_odds
-from calib.fitting.stages import Setup, fit_stages
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.progress import Silent
 from calib.session.schema import Number
@@ -40,15 +41,15 @@ def declared_in(made: Scene, word: str) -> Setup:
     return with_initial_values(setup, made.views, Silent())
 
 
-def odds_in(made: Scene, nominal: Setup) -> Mapping[str, float] | None:
+def odds_in(made: Scene, setup: Setup) -> Mapping[str, float] | None:
     fitted = fit_stages(
-        nominal.with_tolerances(SETTINGS),
+        setup.with_tolerances(SETTINGS),
         made.observations,
         SETTINGS,
         Silent(),
         labels=pose_labels(made.views),
     )
-    return medium_log_odds(nominal, fitted, made.views, SETTINGS, Silent())
+    return medium_log_odds(setup, fitted, made.views, SETTINGS, Silent())
 
 
 @pytest.mark.parametrize(("cover", "truth"), [("wet-dome", "water"), ("dome", "air")])

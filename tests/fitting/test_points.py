@@ -17,7 +17,7 @@ from calib.corners.pose_requirements import find_pose_problem
 from calib.errors import NotEnoughDataError
 from calib.estimation.observations import Observations
 from calib.fit_record.request import Settings
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.intrinsics.calibrate import calibrate_bare
 from calib.progress import Silent
 from calib.session.board import Board
@@ -65,8 +65,8 @@ def test_points_tell_the_glass_better_than_boards(fitted: Path) -> None:
     """Six views of a screen against 24 of a board whose corners have 0.05 px of noise."""
     rms, predicted = map_errors(MADE, Calibration.load(fitted / "calibration"))
     boards = scene(1, views=24, noise=0.05, cover=THIN, depths=DEPTHS)
-    nominal = Setup(boards.board, CAMERA, INTRINSICS, boards.cover)
-    board_rms, board_predicted = map_errors(boards, tolerant(boards, nominal, Settings()))
+    setup = Setup(boards.board, CAMERA, INTRINSICS, boards.cover)
+    board_rms, board_predicted = map_errors(boards, tolerant(boards, setup, Settings()))
     print(f"points {rms} px (predicted {predicted}), boards {board_rms} ({board_predicted})")
     assert max(rms) < 0.015
     assert 0.5 < np.sqrt(np.mean(np.square(rms) / np.square(predicted))) < 1.25

@@ -12,7 +12,8 @@ from calib.estimation.prior_conflict import largest_prior_conflict
 from calib.fit_record.request import Settings
 from calib.fitting.fit import fit
 from calib.fitting.resolve_prior_conflict import ResolvedFit, resolve_prior_conflict
-from calib.fitting.stages import Setup, fit_stages
+from calib.fitting.setup import Setup
+from calib.fitting.stages import fit_stages
 from calib.progress import Silent
 from calib.session.cover import Cover
 from calib.session.freeing import ALL

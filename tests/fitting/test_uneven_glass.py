@@ -14,7 +14,7 @@ from calib.estimation.surface_prior import figure_heights, relief_basis
 from calib.fit_record.request import EVEN_GRID, Settings
 from calib.fitting.declared import comparisons
 from calib.fitting.fit import fit
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.optics.relief import Relief
 from calib.progress import Silent
 from calib.session.cover import EVEN, UNEVEN

@@ -18,8 +18,10 @@ from calib.fit_record.request import EVEN_GRID, Settings
 from calib.fitting import shape_choice
 from calib.fitting.declared import comparisons
 from calib.fitting.description import calibrated_numbers, describe
+from calib.fitting.fitted import Fitted
+from calib.fitting.setup import Setup
 from calib.fitting.shape_choice import choose_shape
-from calib.fitting.stages import Fitted, Setup, fit_stages
+from calib.fitting.stages import fit_stages
 from calib.fitting.unknown_numbers import with_initial_values
 from calib.fitting.valleys import widen_valleys
 from calib.progress import Silent
@@ -54,9 +56,9 @@ def made(cover: str, views: int = 10) -> Scene:
 
 
 def calibrate(scene_made: Scene, intrinsics: Intrinsics, cover: Cover) -> Calibration:
-    nominal = Setup(scene_made.board, CAMERA, intrinsics, cover)
-    nominal = with_initial_values(nominal, scene_made.views, Silent())
-    return calibrated(scene_made, nominal, SETTINGS)
+    setup = Setup(scene_made.board, CAMERA, intrinsics, cover)
+    setup = with_initial_values(setup, scene_made.views, Silent())
+    return calibrated(scene_made, setup, SETTINGS)
 
 
 ALL_OF_A_DOME = ("inner_radius_mm", "centre_mm", "thickness_mm", "refractive_index")
@@ -306,8 +308,8 @@ def test_place_of_a_dome_that_the_lens_makes_up_for_is_as_uncertain_as_it_is() -
 def test_a_parabola_is_not_widened() -> None:
     """A window in water, whose distance the views tell."""
     cover = unknown_cover(COVERS["wet-flat"][0], ("distance_mm",))
-    nominal = Setup(made("wet-flat").board, CAMERA, INTRINSICS, cover)
-    setup = with_initial_values(nominal, made("wet-flat").views, Silent())
+    setup = Setup(made("wet-flat").board, CAMERA, INTRINSICS, cover)
+    setup = with_initial_values(setup, made("wet-flat").views, Silent())
     observations = made("wet-flat").observations
     fitted = fit_stages(setup, observations, SETTINGS, Silent())
     assert fitted.model

@@ -12,7 +12,7 @@ from calib.calibration import Calibration
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.varying import Varying
 from calib.fit_record.request import Settings
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.inference.fitted_model import FittedModel
 from calib.inference.media_of_views import LIKELY, fit_of_two_media, views_in_other_medium
 from calib.progress import Silent

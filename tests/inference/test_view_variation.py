@@ -22,7 +22,7 @@ from calib.estimation.poses import pinhole_poses
 from calib.estimation.priors import Priors
 from calib.fit_record.request import Settings
 from calib.fitting.differing import Differing
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.inference.fitted_model import FittedModel
 from calib.inference.variation import Variation
 from calib.inference.variation_equations import VariationEquations

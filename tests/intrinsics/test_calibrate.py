@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from calib.fit_record.request import Settings
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.intrinsics.calibrate import calibrate_bare
 from calib.intrinsics.opencv_lens import CRITERIA
 from calib.progress import Silent

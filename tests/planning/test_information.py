@@ -21,7 +21,7 @@ from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
 from calib.fit_record.request import Settings
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.optics.exposure import MIDDLE
 from calib.planning.information import PlanningFit, estimate, survey, view_information
 from calib.planning.pose_bank import Reach, make_pose_bank

@@ -18,7 +18,7 @@ from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.relief_heights import height_spread
 from calib.fit_record.history import DiagnosisRecord, History
 from calib.fit_record.request import FitRequest, Settings
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.fitting.supported_depths import trusted_depths
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
@@ -370,8 +370,8 @@ def test_a_wedge_that_uneven_glass_imitates_is_named() -> None:
     wedge = {"wedge.x": torch.tensor(0.012).double(), "wedge.y": torch.tensor(0.0).double()}
     turned = replace(even, path=Wedge("xy").apply(even.path), values={**even.values, **wedge})
     made = held(np.random.default_rng(3), turned, 24, 0.05, (0.3, 1.2))
-    nominal = Setup(made.board, CAMERA, INTRINSICS, cover)
-    (reason,) = asked(unevenness, tolerant(made, nominal))
+    setup = Setup(made.board, CAMERA, INTRINSICS, cover)
+    (reason,) = asked(unevenness, tolerant(made, setup))
     assert "wedge" in reason.suspects
     assert reason.next.endswith("--effects wedge")
 

@@ -10,7 +10,7 @@ import torch
 from calib.corners.view import View
 from calib.estimation.observations import Observations
 from calib.fit_record.request import Settings
-from calib.fitting.stages import Setup
+from calib.fitting.setup import Setup
 from calib.session.schema import Number
 from calib.verdict.judge import judge
 from calib.verdict.orientation import ALL, Orientation
