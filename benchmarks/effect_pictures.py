@@ -30,12 +30,12 @@ from calib.estimation.priors import NONE, Priors
 from calib.inference.fitted_model import FittedModel
 from calib.inference.score_test import tuned_score_tests
 from calib.optics.board_polynomials import bend_sigma
-from calib.optics.board_target import FLEX, MOTION
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.exposure import MIDDLE, Exposure
 from calib.optics.flex_bend import FLEX_TERMS
 from calib.optics.projection import project
 from calib.optics.relief import Relief
+from calib.optics.view_blocks import FLEX, MOTION
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover

@@ -22,10 +22,10 @@ from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import residuals
 from calib.fit_record.request import Settings
 from calib.optics.board_polynomials import bend_sigma
-from calib.optics.board_target import FLEX, MOTION
 from calib.optics.exposure import MIDDLE
 from calib.optics.flex_bend import FLEX_TERMS
 from calib.optics.projection import project
+from calib.optics.view_blocks import FLEX, MOTION
 from calib.session.cover import Cover
 from fixtures.calibrated import GLASS, calibrate
 from fixtures.synthetic import HEIGHT, WIDTH, Scene, scene

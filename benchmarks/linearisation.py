@@ -23,9 +23,9 @@ from calib.estimation.residual_blocks import ResidualBlock, make_residual_blocks
 from calib.fit_record.request import Settings
 from calib.fitting.setup import Setup
 from calib.fitting.stages import fit_stages
-from calib.optics.board_target import Placement
 from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
+from calib.optics.placement import Placement
 from calib.progress import Silent
 from calib.session.camera import Camera
 from calib.threads import single_thread

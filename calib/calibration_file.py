@@ -36,7 +36,7 @@ from calib.io.images import session_pictures
 from calib.io.result_names import CALIBRATION_ARRAYS, CALIBRATION_FILE, RIG_CALIBRATION_FILE
 from calib.io.shell import shell_path
 from calib.io.yaml_reader import is_opencv, read_yaml
-from calib.optics.board_target import FLEX, POSE, VIEW_BLOCKS, block_columns
+from calib.optics.view_blocks import FLEX, POSE, VIEW_BLOCKS, block_columns
 from calib.session.camera import camera_to_yaml
 from calib.session.cover_section import cover_to_yaml
 from calib.session.point_target import PointTarget

@@ -12,7 +12,7 @@ from calib.calibration import Calibration
 from calib.calibration_file import _with_all_bend_terms
 from calib.errors import InputError, NotEnoughDataError
 from calib.fitting.fit import fit
-from calib.optics.board_target import FLEX, FOCAL, POSE
+from calib.optics.view_blocks import FLEX, FOCAL, POSE
 from calib.progress import Silent
 from calib.session.schema import Number
 from calib.session.session import read_session

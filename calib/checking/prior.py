@@ -21,8 +21,8 @@ from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.surface_prior import relief_basis
-from calib.optics.board_target import with_blocks
 from calib.optics.relief import AMPLITUDES
+from calib.optics.view_blocks import with_blocks
 from calib.session.schema import Number
 from calib.session.shapes.layer import MEDIA, WATER, opposite_medium
 from calib.session.tolerances import ANY_WATER

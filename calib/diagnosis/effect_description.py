@@ -18,9 +18,9 @@ from calib.fitting.declared import comparisons, effect_comparisons
 from calib.inference.fitted_model import ModelFit
 from calib.inference.varying_numbers import first_after_step
 from calib.optics.board_polynomials import term_name
-from calib.optics.board_target import CENTRE, FLEX, FOCAL, MOTION, block_columns
 from calib.optics.flex_bend import FLEX_TERMS
 from calib.optics.params import Param
+from calib.optics.view_blocks import CENTRE, FLEX, FOCAL, MOTION, block_columns
 
 NUMBERS_OF_VIEW = {
     FOCAL: (Param("focal", "", 1e-3),),

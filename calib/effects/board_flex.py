@@ -9,8 +9,8 @@ from typing import ClassVar, Self
 
 from calib.effects.effect import EffectContext
 from calib.effects.view_effect import ViewEffect
-from calib.optics.board_target import FLEX
 from calib.optics.path import Path
+from calib.optics.view_blocks import FLEX
 
 
 @dataclass(frozen=True, slots=True)

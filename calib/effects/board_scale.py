@@ -17,7 +17,7 @@ from torch import Tensor
 
 from calib.effects.effect import Effect, EffectContext, EffectParameter, select_form
 from calib.optics.board_polynomials import Term, monomials, powers, term_name, terms_of_degrees
-from calib.optics.board_target import PrintShift
+from calib.optics.board_terms import PrintShift
 from calib.optics.linear_term import contract
 from calib.optics.params import Param, Values
 from calib.optics.path import Path

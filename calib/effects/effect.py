@@ -113,7 +113,7 @@ class Effect(Protocol):
     end of "To separate them, ...".
     """
     per_view: ClassVar[str] = ""
-    """The block of `calib.optics.board_target.VIEW_BLOCKS` that it adds to every view; empty if all
+    """The block of `calib.optics.view_blocks.VIEW_BLOCKS` that it adds to every view; empty if all
     views share its parameters.
     """
     varies: ClassVar[str] = ""

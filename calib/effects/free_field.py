@@ -9,7 +9,7 @@ from torch import Tensor
 
 from calib.effects.cosine_field import FIRST_KNEE, CosineField
 from calib.effects.effect import EffectContext
-from calib.optics.board_target import PrintShift
+from calib.optics.board_terms import PrintShift
 from calib.optics.params import Values
 from calib.optics.path import Path
 

@@ -7,8 +7,8 @@ from typing import ClassVar, Self
 
 from calib.effects.effect import EffectContext
 from calib.effects.view_effect import ViewEffect
-from calib.optics.board_target import MOTION
 from calib.optics.path import Path
+from calib.optics.view_blocks import MOTION
 
 
 @dataclass(frozen=True, slots=True)

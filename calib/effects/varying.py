@@ -17,10 +17,10 @@ from torch import Tensor
 from calib.effects.effect import EACH_VIEW, Effect, EffectContext, EffectParameter
 from calib.effects.lens import brown_shift
 from calib.effects.view_effect import ViewEffect
-from calib.optics.board_target import CENTRE, FOCAL
 from calib.optics.exposure import Exposure
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
+from calib.optics.view_blocks import CENTRE, FOCAL
 from calib.session import tolerances
 from calib.session.parameter_names import CAMERA, COVER, number_of
 from calib.session.shapes.layer import AIR, MEDIA, WATER

@@ -17,9 +17,9 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refine_poses_in_image
 from calib.estimation.priors import Priors
-from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.optics.view_blocks import with_blocks
 
 POSE_TOLERANCE = 1e-6
 """The pose of a held-out view has converged when a step lowers its error by less than this

@@ -16,10 +16,10 @@ import torch
 from torch import Tensor
 
 from calib.estimation.observations import Observations
-from calib.optics.board_target import Placement
 from calib.optics.interface import Interface
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.optics.placement import Placement
 
 POWER_STEPS = 12
 SAFETY = 1.1

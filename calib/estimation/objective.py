@@ -18,10 +18,10 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ResidualBlock
 from calib.optics.board_polynomials import bend_sigma
-from calib.optics.board_target import CENTRE, FLEX, FOCAL, MOTION, POSE, blocks_of_size
 from calib.optics.flex_bend import FLEX_TERMS
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.optics.view_blocks import CENTRE, FLEX, FOCAL, MOTION, POSE, blocks_of_size
 from calib.session import tolerances
 
 HUBER = 3.0

@@ -20,20 +20,19 @@ from calib.estimation.observations import BATCH_SIZE, Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.probes import shared_columns
 from calib.optics import rotation
-from calib.optics.board_target import (
+from calib.optics.lens import PIXELS
+from calib.optics.params import Values
+from calib.optics.path import OWN, Path, Trace
+from calib.optics.placement import ByPlacement, Placement
+from calib.optics.rays import Rays
+from calib.optics.view_blocks import (
     CENTRE,
     FOCAL,
     MOTION,
     VIEW_BLOCKS,
-    ByPlacement,
-    Placement,
     block_columns,
     blocks_of_size,
 )
-from calib.optics.lens import PIXELS
-from calib.optics.params import Values
-from calib.optics.path import OWN, Path, Trace
-from calib.optics.rays import Rays
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.estimation.observations import Observations
-from calib.optics.board_target import Placement
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.optics.placement import Placement
 from calib.optics.projection import project
 
 

@@ -21,9 +21,9 @@ from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.robust import outlier_mask
 from calib.fitting.inputs import read_views, session_of_pictures
 from calib.fitting.with_initial_pose import with_initial_pose
-from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.optics.view_blocks import with_blocks
 from calib.progress import Progress, Silent, check_progress
 from calib.session.board import Board
 from calib.session.session import Session, SessionSource

@@ -16,9 +16,9 @@ from calib.estimation.objective import HUBER
 from calib.estimation.orthogonal_projection import orthonormal_basis
 from calib.estimation.residual_blocks import pixel_weights
 from calib.inference.fitted_model import FittedModel
-from calib.optics.board_target import Placement
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.optics.placement import Placement
 from calib.optics.relief import AMPLITUDES, PROBES, Relief
 from calib.session.board import Board
 from calib.session.camera import Camera

@@ -22,10 +22,10 @@ from torch import Tensor
 
 from calib.calibration import Calibration
 from calib.inference.effect_context import with_any_relief
-from calib.optics.board_target import Placement
 from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.optics.placement import Placement
 from calib.optics.relief import AMPLITUDES, PROBES
 from calib.session.point_target import PointView
 

@@ -24,7 +24,7 @@ from calib.estimation.orthogonal_projection import orthonormal_basis, project_ou
 from calib.estimation.view_equations import ViewEquations
 from calib.inference.fitted_model import FittedModel
 from calib.inference.jackknife import jackknife_p_value
-from calib.optics.board_target import CENTRE, FOCAL, block_columns
+from calib.optics.view_blocks import CENTRE, FOCAL, block_columns
 
 Array = NDArray[np.float64]
 

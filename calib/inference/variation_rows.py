@@ -28,8 +28,8 @@ from calib.inference.laplace_evidence import LaplaceEvidence
 from calib.inference.model_discrepancy import Discrepancy
 from calib.inference.variation import Variation
 from calib.inference.varying_numbers import Group
-from calib.optics.board_target import MOTION, block_columns
 from calib.optics.relief import AMPLITUDES
+from calib.optics.view_blocks import MOTION, block_columns
 from calib.session.tolerances import BOARD_MOVE, BOARD_SPIN
 
 MIN_PRECISION = 1e-12

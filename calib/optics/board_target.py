@@ -1,27 +1,28 @@
 """The board is the last stage of the ray path: it gives the point in nominal board coordinates
 where a ray lands, and the place of a corner in space.
 
-Bends move the board's surface along its normal. Prints move its corners in its plane. A rolling
-shutter moves the board line by line. Glass before a screen's pixels bends the ray once more.
+A ray lands in three steps. It meets the board's surface, which bends move along its normal. Glass
+before a screen's pixels shifts the point that it sees. The print says which nominal point is
+printed there. `Target` takes these steps; `Landing` takes them back, for the derivatives.
+
+A rolling shutter moves the board line by line (`Placement.at_exposure`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import product
-from typing import Protocol
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from calib.optics import rotation
+from calib.optics.board_terms import Bend, Print, PrintShift
 from calib.optics.derivatives import ByName, ByRay, by_autograd
-from calib.optics.exposure import Exposure
-from calib.optics.flex_bend import FLEX_TERMS, FlexBend
+from calib.optics.flex_bend import FlexBend
 from calib.optics.front_glass import FLATTEST, FrontGlass
 from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Param, Values
+from calib.optics.placement import ByPlacement, Placement
 from calib.optics.rays import MISSED_TARGET, Rays
 from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
@@ -34,143 +35,6 @@ STEP_TOLERANCE = 1e-6
 """m. After a step this short, one more step is exact: its error is half the board's curvature times
 the square of the step.
 """
-POSE, MOTION, FLEX, FOCAL, CENTRE = "pose", "motion", "flex", "focal", "centre"
-VIEW_BLOCKS = {POSE: 6, MOTION: 6, FLEX: len(FLEX_TERMS), FOCAL: 1, CENTRE: 2}
-"""The blocks of per-view parameters in their order, and the number of parameters in each.
-
-Every view has a pose; the other blocks are optional, and a view has FOCAL or CENTRE, not both.
-"""
-
-
-BLOCKS_OF_SIZE = {
-    sum(VIEW_BLOCKS[block] for block in blocks): blocks
-    for motion, flex, camera in product(((), (MOTION,)), ((), (FLEX,)), ((), (FOCAL,), (CENTRE,)))
-    for blocks in [(POSE, *motion, *flex, *camera)]
-}
-"""The blocks of a view by the number of its parameters, which differs for each choice."""
-
-
-def block_columns(blocks: Iterable[str]) -> dict[str, slice]:
-    """Return the columns of each of these blocks among the parameters of one view."""
-    columns, end = {}, 0
-    for block in (block for block in VIEW_BLOCKS if block in blocks):
-        columns[block] = slice(end, end + VIEW_BLOCKS[block])
-        end += VIEW_BLOCKS[block]
-    return columns
-
-
-def blocks_of_size(count: int) -> tuple[str, ...]:
-    """Return the blocks of a view that has this many parameters."""
-    return BLOCKS_OF_SIZE[count]
-
-
-def with_blocks(parameters: Tensor, blocks: Iterable[str]) -> Tensor:
-    """Return the (V, B) parameters of views with exactly these blocks: a new block is zero, and a
-    block that is not named is dropped.
-    """
-    columns = block_columns(blocks_of_size(parameters.shape[1]))
-    zero = parameters.new_zeros(len(parameters), 1)
-    return torch.cat(
-        [
-            parameters[:, columns[block]]
-            if block in columns
-            else zero.expand(-1, VIEW_BLOCKS[block])
-            for block in block_columns(blocks)
-        ],
-        1,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Placement:
-    """The poses of boards: T_camera_board as a rotation and a translation."""
-
-    turn: Tensor
-    """(..., 3, 3)"""
-    shift: Tensor
-    """(..., 3) m"""
-    motion: Tensor | None = None
-    """(..., 6): the rotation (rotation vector in the camera frame, rad) and translation (m) of the
-    board during the readout of its picture.
-    """
-
-    flex: Tensor | None = None
-    """(..., FLEX_TERMS) m: the bend of the board in this view alone."""
-
-    @staticmethod
-    def of(parameters: Tensor) -> Placement:
-        """Return the placements of (..., B) view parameters: rotation vector (rad), translation
-        (m), then the optional blocks in the order of VIEW_BLOCKS.
-        """
-        columns = block_columns(blocks_of_size(parameters.shape[-1]))
-        motion = parameters[..., columns[MOTION]] if MOTION in columns else None
-        flex = parameters[..., columns[FLEX]] if FLEX in columns else None
-        return Placement(rotation.matrix(parameters[..., :3]), parameters[..., 3:6], motion, flex)
-
-    def __getitem__(self, rows: Tensor) -> Placement:
-        motion = None if self.motion is None else self.motion[rows]
-        flex = None if self.flex is None else self.flex[rows]
-        return Placement(self.turn[rows], self.shift[rows], motion, flex)
-
-    def at_exposure(self, exposure: Exposure | None) -> Placement:
-        """Return the placements at the time when the line of each ray is read."""
-        if self.motion is None or exposure is None:
-            return self
-        motion = self.motion * exposure.line.unsqueeze(-1)
-        return Placement(
-            rotation.matrix(motion[..., :3]) @ self.turn,
-            self.shift + motion[..., 3:],
-            flex=self.flex,
-        )
-
-    def planes(self, points: Tensor, *, is_wide: bool) -> Placement:
-        """Return the placements of planes that face the camera, one through each of (..., 3) m
-        points of the boards, which is its origin. The planes of a wide lens face along the line
-        from the camera to the point, those of other lenses along the camera's axis.
-        """
-        placed = Rotation.of(self.turn).turn(Vector.of(points)).stacked() + self.shift
-        turn = torch.eye(3).to(placed).expand(*placed.shape, 3)
-        if is_wide:
-            turn = rotation.onto_z(placed.detach() / placed.detach().norm(dim=-1, keepdim=True)).mT
-        return Placement(turn, placed)
-
-
-class Bend(Protocol):
-    """A deviation of the board's surface from a plane."""
-
-    @property
-    def params(self) -> tuple[Param, ...]: ...
-
-    def height(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the (...) m height at (...) m board coordinates, positive away from the camera,
-        and its slopes by x and by y. Nobody differentiates the slopes.
-        """
-        ...
-
-
-class Print(Protocol):
-    """A shift of the printed corners within the board's plane."""
-
-    @property
-    def params(self) -> tuple[Param, ...]: ...
-
-    def shift_corners(self, x: Tensor, y: Tensor, values: Values) -> PrintShift:
-        """Return the shifts of the corners at (...) m nominal board coordinates."""
-        ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PrintShift:
-    """Shifts of corners within the board's plane."""
-
-    shift_x: Tensor
-    """(...) m, along x."""
-    shift_y: Tensor
-    """(...) m, along y."""
-    slopes: tuple[tuple[Tensor | float, Tensor | float], tuple[Tensor | float, Tensor | float]]
-    """The (...) derivatives of `shift_x` by x and y, then of `shift_y` by x and y. Nobody
-    differentiates them.
-    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,26 +184,6 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True)
-class ByPlacement:
-    """The derivatives of k outputs of M rays by the placement of each ray's board."""
-
-    turn: Vector
-    """(k, M) by a further small rotation, rad, along the axes of the camera frame."""
-    shift: Vector
-    """(k, M) per m"""
-    flex: Tensor | None
-    """(k, M, FLEX_TERMS) per m, if the board bends differently in every view."""
-
-    def of_board(self, planes: Placement, boards: Placement) -> ByPlacement:
-        """Return the derivatives by the placement of boards, from those by that of the planes
-        through their points (`Path.planes`): a turn of the board moves the points alone.
-        """
-        if planes is boards:
-            return self
-        return replace(self, turn=Vector.of(planes.shift - boards.shift).cross(self.shift))
-
-
-@dataclass(frozen=True, slots=True)
 class Landing:
     """M rays where they meet the board, in the board's frame."""
 
@@ -374,34 +218,42 @@ class Landing:
         theorem. Those by linear bends and prints are given by their probes.
         """
         (by_x, by_y), by = self._pull_print(by_landed, names)
-        slope_x, slope_y = self.slopes
-        direction = self.direction
-        change = direction.x * by_x + direction.y * by_y
-        steepness = direction.z - slope_x * direction.x - slope_y * direction.y
-        by_height = change / torch.where(
-            steepness.abs() < FLATTEST, torch.ones_like(steepness), steepness
-        )  # of the board's surface
+        by_height = self._by_height(by_x, by_y)
         by |= self._by_bends(by_height, names)
+        slope_x, slope_y = self.slopes
         by_origin = Vector(by_x + slope_x * by_height, by_y + slope_y * by_height, -by_height)
-        turn = Rotation.of(self.placement.turn)
+        turn = Rotation.of(self.placement.turn)  # from the board's frame to the camera's
         by_place = turn.turn(by_origin)
         by_turn = by_place.cross(turn.turn(self.point))
         by_direction = by_place * self.distance
         if glass := self.target.glass:
-            by_bent, by_glass = glass.pull(direction, self.values, (by_x, by_y))
+            by_bent, by_glass = glass.pull(self.direction, self.values, (by_x, by_y))
             by |= {name: value for name, value in by_glass.items() if name in names}
             by_bent = turn.turn(by_bent)
-            by_turn = by_turn + by_bent.cross(turn.turn(direction))
+            by_turn = by_turn + by_bent.cross(turn.turn(self.direction))
             by_direction = by_direction + by_bent
-        flex = None
-        if self.target.flex and self.placement.flex is not None:
-            bend = FlexBend(self.target.flex, self.placement.flex)
-            flex = by_height.unsqueeze(-1) * bend.weights(self.point.x, self.point.y)
-        return (
-            ByRay(by_place, by_direction),
-            ByPlacement(by_turn, Vector(-by_place.x, -by_place.y, -by_place.z), flex),
-            by,
+        by_shift = Vector(-by_place.x, -by_place.y, -by_place.z)
+        by_placement = ByPlacement(by_turn, by_shift, self._by_flex(by_height))
+        return ByRay(by_place, by_direction), by_placement, by
+
+    def _by_height(self, by_x: Tensor, by_y: Tensor) -> Tensor:
+        """Return the (k, M) derivatives by the height of the board's surface, from those by the
+        point's place: a higher surface is met earlier on the ray.
+        """
+        slope_x, slope_y = self.slopes
+        direction = self.direction
+        change = direction.x * by_x + direction.y * by_y
+        steepness = direction.z - slope_x * direction.x - slope_y * direction.y
+        return change / torch.where(
+            steepness.abs() < FLATTEST, torch.ones_like(steepness), steepness
         )
+
+    def _by_flex(self, by_height: Tensor) -> Tensor | None:
+        """Return the (k, M, FLEX_TERMS) derivatives by the bend of each view; None without."""
+        if not self.target.flex or self.placement.flex is None:
+            return None
+        bend = FlexBend(self.target.flex, self.placement.flex)
+        return by_height.unsqueeze(-1) * bend.weights(self.point.x, self.point.y)
 
     def _pull_print(
         self, by_landed: Tensor, names: frozenset[str]

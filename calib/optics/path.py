@@ -15,18 +15,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from calib.optics.board_target import (
-    CENTRE,
-    FLEX,
-    FOCAL,
-    MOTION,
-    POSE,
-    Landing,
-    Placement,
-    Target,
-    block_columns,
-    blocks_of_size,
-)
+from calib.optics.board_target import Landing, Target
 from calib.optics.crossing import Crossing
 from calib.optics.derivatives import ByName, ByRay, add_to, by_autograd
 from calib.optics.exposure import MIDDLE, Exposure
@@ -34,9 +23,19 @@ from calib.optics.interface import Interface, records
 from calib.optics.lens import PIXELS, Lens
 from calib.optics.linear_term import LinearTerm
 from calib.optics.params import Param, Values
+from calib.optics.placement import Placement
 from calib.optics.rays import Rays
 from calib.optics.relief import Relief
 from calib.optics.relief_view import described_at
+from calib.optics.view_blocks import (
+    CENTRE,
+    FLEX,
+    FOCAL,
+    MOTION,
+    POSE,
+    block_columns,
+    blocks_of_size,
+)
 from calib.session.parameter_names import CAMERA
 
 OWN = "camera of the view"
@@ -130,7 +129,7 @@ class Path:
 
     @property
     def view_blocks(self) -> tuple[str, ...]:
-        """The blocks of `board_target.VIEW_BLOCKS` that every view has."""
+        """The blocks of `view_blocks.VIEW_BLOCKS` that every view has."""
         return (
             POSE,
             *([MOTION] if self.shutter else []),

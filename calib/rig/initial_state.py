@@ -14,8 +14,8 @@ from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.inference.calibration_model import full_model
-from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
+from calib.optics.view_blocks import with_blocks
 from calib.rig.joint_estimate import CameraState, RigState
 from calib.rig.layout import RigLayout
 from calib.rig.mounting_start import RigStart

@@ -21,9 +21,9 @@ from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
 from calib.estimation.residuals import reach_board
 from calib.fitting.inputs import read_views
 from calib.fitting.with_initial_pose import with_initial_pose
-from calib.optics.board_target import with_blocks
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.optics.view_blocks import with_blocks
 from calib.progress import Progress
 from calib.rig.mounting_start import nearest_turns, turn_view
 from calib.rig.placements import Placements

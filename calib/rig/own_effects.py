@@ -19,7 +19,7 @@ from calib.effects.board_flex import BoardFlex
 from calib.effects.effect import Effect, EffectContext, is_possible, scaled_prior_sigmas
 from calib.effects.registry import EFFECTS
 from calib.estimation.camera_model import CameraModel
-from calib.optics.board_target import with_blocks
+from calib.optics.view_blocks import with_blocks
 from calib.rig.joint_estimate import CameraState, RigState
 from calib.rig.layout import RigLayout
 from calib.rig.rig import Rig

@@ -5,7 +5,7 @@ mounting is T_camera_reference, a board's placement T_reference_board, and the b
 camera is their product, T_camera_board.
 
 The numbers of a placement may go on behind its pose, with the bend of its board
-(`calib.optics.board_target.VIEW_BLOCKS`). A bend is in the board's frame, so every camera sees the
+(`calib.optics.view_blocks.VIEW_BLOCKS`). A bend is in the board's frame, so every camera sees the
 same one.
 
 Source: T. D. Barfoot, State estimation for robotics (2017), section 7.1.5, for the left Jacobian of

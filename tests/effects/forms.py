@@ -29,11 +29,11 @@ from calib.effects.varying import (
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.priors import NONE
-from calib.optics.board_target import CENTRE, FLEX
 from calib.optics.build import covered_path, with_relief
 from calib.optics.exposure import MIDDLE
 from calib.optics.path import Path
 from calib.optics.relief import Relief
+from calib.optics.view_blocks import CENTRE, FLEX
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover

@@ -28,9 +28,9 @@ from calib.effects.serialise import Estimated, effect_from_yaml, effect_to_yaml
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
 from calib.estimation.residual_blocks import ResidualBlock, make_residual_blocks
-from calib.optics.board_target import POSE, VIEW_BLOCKS
 from calib.optics.params import Values
 from calib.optics.relief import Relief
+from calib.optics.view_blocks import POSE, VIEW_BLOCKS
 from tests.effects.forms import FORMS, SITUATIONS, Form, Situation, each_form
 
 SMALLEST = 1e-9

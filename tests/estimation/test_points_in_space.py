@@ -12,12 +12,12 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import Priors
 from calib.estimation.residual_blocks import make_residual_blocks, pixel_weights
-from calib.optics.board_target import CENTRE
 from calib.optics.build import pinhole_path
 from calib.optics.exposure import MIDDLE
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.projection import project
+from calib.optics.view_blocks import CENTRE
 from calib.session.parameter_names import CAMERA
 from calib.session.point_target import PointTarget
 from fixtures.point_sessions import cloud, spatial_scene

@@ -6,8 +6,10 @@ from torch import Tensor
 
 from calib.effects.board_shape import BoardShape
 from calib.optics import rotation
-from calib.optics.board_target import Bend, Placement, Target
+from calib.optics.board_target import Target
+from calib.optics.board_terms import Bend
 from calib.optics.flex_bend import FLEX_TERMS
+from calib.optics.placement import Placement
 from calib.optics.rays import Rays
 from calib.optics.vector import Vector
 from tests.optics.oracle import row_derivatives

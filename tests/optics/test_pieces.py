@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from calib.optics import rotation
-from calib.optics.board_target import Placement, Target
+from calib.optics.board_target import Target
 from calib.optics.lens_model import COEFFICIENTS, LensModel
+from calib.optics.placement import Placement
 from calib.optics.rays import LENS, Rays
 from calib.optics.relief import Relief
 from calib.optics.snell import Refraction
