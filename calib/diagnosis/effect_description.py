@@ -34,6 +34,15 @@ NUMBERS_OF_VIEW = {
 """The numbers in each block of a view's own parameters."""
 
 
+LARGE = 4.0
+"""A view stands out if it has more than so many times its even part of the squares. Where
+each of thirty views has six normal numbers, the largest has 2.5 times, and in one of a hundred
+sessions a view has 4.
+"""
+LARGEST_VIEWS = 3
+"""The largest number of views that are named."""
+
+
 def spread_of(effect: Effect, fit: ModelFit) -> dict[str, ParameterEstimate]:
     """Return the root mean square over views of the deviations of numbers that differ, with its
     standard deviation; for numbers of single views, that of so many normal ones.
@@ -99,12 +108,15 @@ def _as_text(estimate: EffectEstimate) -> str:
 
 
 def _describe_view_parameters(block: str, calibration: Calibration) -> list[str]:
-    """Return the root mean square of the views' own parameters."""
+    """Return the root mean square of the views' own parameters, and the views of most of it."""
     path, _ = calibration.model()
     values = calibration.poses[:, block_columns(path.view_blocks)[block]]
+    names = [view.name for view in calibration.views]
     if block == FLEX:
+        largest = largest_views(names, values)
         return [
-            f"boards bend by {1e3 * _rms(values):.2g} mm (root mean square over views and terms)"
+            f"boards bend by {1e3 * _rms(values):.2g} mm (root mean square over views and"
+            f" terms){largest}"
         ]
     shutter = calibration.camera.shutter
     seconds = 1.0
@@ -114,10 +126,28 @@ def _describe_view_parameters(block: str, calibration: Calibration) -> list[str]
         unit = "second"
     rotation = np.degrees(_rms(values[:, :3])) / seconds
     translation = 1e3 * _rms(values[:, 3:]) / seconds
+    points = calibration.board.points()
+    radius = float(np.std(points, axis=0).max())
+    largest = largest_views(names, values * np.repeat([radius, 1.0], 3))
     return [
         f"boards turn by {rotation:.2g} degrees and move by {translation:.2g} mm in a {unit} (root"
-        " mean square over views)"
+        f" mean square over views){largest}"
     ]
+
+
+def largest_views(names: Sequence[str], sizes: NDArray[np.float64]) -> str:
+    """Return words for the views whose own numbers are far larger than those of the rest, with
+    their parts of the sum of squares: ", most in 0046.png (41 %)". Empty if there are none.
+
+    Args:
+        names: the files of the views.
+        sizes: (V, k) the numbers of each view, in one unit.
+    """
+    squares = (sizes**2).sum(1)
+    parts = squares / max(float(squares.sum()), np.finfo(np.float64).tiny)
+    order = np.argsort(-parts, kind="stable")[:LARGEST_VIEWS]
+    texts = [f"{names[i]} ({100 * parts[i]:.0f} %)" for i in order if parts[i] > LARGE / len(names)]
+    return f", most in {', '.join(texts)}" if texts else ""
 
 
 def _rms(vectors: NDArray[np.float64]) -> float:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from calib.diagnosis.effect_description import largest_views
 from calib.diagnosis.search_state import SearchProblem, SearchState
 from calib.diagnosis.sentences import remarks
 from calib.diagnosis.trial import Trial
@@ -82,3 +83,16 @@ def test_effects_on_a_cover_are_proposed_for_covers_alone() -> None:
     on_cover: list[type[Effect]] = [kind for kind in KINDS if not is_possible(kind, without)]
     assert len(on_cover) == 8
     assert not [kind.name for kind in on_cover if kind.propose(context)]
+
+
+def test_views_whose_boards_moved_most_are_named() -> None:
+    """Thirty views of alike motions name none, as the largest of normal numbers is no cause."""
+    names = [f"{index:02}.png" for index in range(30)]
+    sizes = np.random.default_rng(0).normal(0, 1e-3, (30, 6))
+    assert not largest_views(names, sizes)
+    sizes[7], sizes[20] = 6e-3, -4e-3
+    parts = (sizes**2).sum(1) / (sizes**2).sum()
+    assert largest_views(names, sizes) == (
+        f", most in 07.png ({100 * parts[7]:.0f} %), 20.png ({100 * parts[20]:.0f} %)"
+    )
+    assert not largest_views(names, np.zeros((30, 6)))
