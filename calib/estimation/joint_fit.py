@@ -1,6 +1,10 @@
 """The joint fit: maximum a posteriori amplitudes, free parameters and poses, with the noise and the
 prior's scale by evidence.
 
+It goes in rounds. In each, the solver finds the parameters with a given noise and prior; after it,
+noise and prior are estimated from the residuals and the amplitudes. The covariance and the evidence
+are those of the last round.
+
 Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence (the marginal likelihood of
 the residuals).
 """
@@ -16,7 +20,7 @@ from torch import Tensor
 
 from calib.estimation.covariance import invert_precision
 from calib.estimation.levenberg_marquardt import Outcome, Solution, minimise
-from calib.estimation.normal_equations import NormalEquations
+from calib.estimation.normal_equations import NormalEquations, ReducedEquations
 from calib.estimation.objective import LandingProblem, huber_limit, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
@@ -170,16 +174,9 @@ def fit_joint(
     smoothness = ((start and start.smoothness) or UNEVEN_GLASS) if path.relief else None
     shared = parameters.vector(initial)
     freedom = max(1, observations.residual_count - poses.numel())
-    merged = observations.merged_squares
     iterations = 0
     for tolerance in rounds:
-        precision = torch.from_numpy(parameters.prior_precision(smoothness)).to(shared)
-        current = parameters.values(shared)
-        weights = pixel_weights(path, current, observations, poses, sigma)
-        views = tuple(make_residual_blocks(path, parameters, observations, weights, current))
-        problem = LandingProblem(
-            parameters, views, precision, view_precision(path, poses), huber_limit(observations)
-        )
+        problem = _problem(path, parameters, observations, poses, shared, sigma, smoothness)
         solution = minimise(problem, shared, poses, steps=MAX_ITERATIONS, tolerance=tolerance)
         shared, poses = solution.shared, solution.blocks
         iterations += solution.iterations
@@ -190,26 +187,21 @@ def fit_joint(
             break
         if tolerance != rounds[-1]:
             evidence, apparent = marginal_likelihood(
-                solution.equations, shared, freedom, sigma, parameters, merged
+                solution.equations, shared, freedom, sigma, parameters, observations.merged_squares
             )
             sigma, smoothness = maximise_evidence(evidence, apparent, smoothness)
     reduced = solution.equations.eliminate_blocks()
-    hessian = reduced.hessian
-    covariance = invert_precision(hessian + precision) if parameters.count else hessian
-    finite = solution.outcome is not Outcome.NOT_FINITE and bool(torch.isfinite(covariance).all())
-    outcome = solution.outcome if finite else Outcome.NOT_FINITE
-    covariance = covariance if finite else torch.full_like(covariance, torch.nan)
+    covariance, finite = _covariance(solution, reduced, problem)
     log_evidence = -math.inf
     if finite:
         evidence, _ = marginal_likelihood(
-            solution.equations, shared, freedom, sigma, parameters, merged
+            solution.equations, shared, freedom, sigma, parameters, observations.merged_squares
         )
+        gradient = reduced.gradient + problem.precision @ shared
+        missed = float(gradient @ covariance @ gradient)
         # The evidence takes the error at the minimum of its quadratic, which a fit that is stuck
         # does not reach.
-        gradient = reduced.gradient + precision @ shared
-        missed = float(gradient @ covariance @ gradient)
         log_evidence = evidence.log(sigma, smoothness) - missed / 2
-    log_marginal = log_evidence + _log_block_evidence(path, solution, sigma)
     return JointFit(
         values=parameters.values(shared),
         poses=poses,
@@ -218,11 +210,45 @@ def fit_joint(
         sigma=sigma,
         smoothness=smoothness,
         parameters=parameters,
-        outcome=outcome,
+        outcome=solution.outcome if finite else Outcome.NOT_FINITE,
         iterations=iterations,
         log_evidence=log_evidence,
-        log_marginal=log_marginal,
+        log_marginal=log_evidence + _log_block_evidence(path, solution, sigma),
     )
+
+
+def _problem(
+    path: Path,
+    parameters: Parameters,
+    observations: Observations,
+    poses: Tensor,
+    shared: Tensor,
+    sigma: float,
+    smoothness: Smoothness | None,
+) -> LandingProblem:
+    """Return the solver's problem of one round: with this noise and prior, and with the weights
+    that pixels have at these (S,) shared parameters and poses.
+    """
+    precision = torch.from_numpy(parameters.prior_precision(smoothness)).to(shared)
+    values = parameters.values(shared)
+    weights = pixel_weights(path, values, observations, poses, sigma)
+    blocks = tuple(make_residual_blocks(path, parameters, observations, weights, values))
+    return LandingProblem(
+        parameters, blocks, precision, view_precision(path, poses), huber_limit(observations)
+    )
+
+
+def _covariance(
+    solution: Solution, reduced: ReducedEquations, problem: LandingProblem
+) -> tuple[Tensor, bool]:
+    """Return the (S, S) covariance of the shared parameters, and whether fit and covariance are
+    finite. If not, it is NaN.
+    """
+    covariance = reduced.hessian
+    if problem.parameters.count:
+        covariance = invert_precision(reduced.hessian + problem.precision)
+    finite = solution.outcome is not Outcome.NOT_FINITE and bool(torch.isfinite(covariance).all())
+    return (covariance if finite else torch.full_like(covariance, torch.nan)), finite
 
 
 def marginal_likelihood(

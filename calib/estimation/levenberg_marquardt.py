@@ -204,81 +204,129 @@ def minimise(
     Raises:
         ValueError: the cost at the start is NaN, so no step can be compared with it.
     """
-    precision = problem.precision
-
-    def prior(shared: Tensor, blocks: Tensor) -> float:
-        return float(shared @ precision @ shared) + float(
-            (blocks**2 @ problem.block_precision).sum()
-        )
-
-    def equations_at(shared: Tensor, blocks: Tensor) -> tuple[NormalEquations, Linearisation]:
-        linearisation = problem.linearisation(shared, blocks)
-        rows = linearisation.equations
-        block_precision = problem.block_precision
-        with_prior = replace(
-            rows,
-            hessian_block=rows.hessian_block + block_precision.diag(),
-            gradient_block=rows.gradient_block + block_precision * blocks,
-        )
-        return with_prior, linearisation
-
-    cost = problem.cost(shared, blocks) + prior(shared, blocks)
-    if math.isnan(cost):
+    with_priors = _WithPriors(problem, problem.precision)
+    point = with_priors.point(shared, blocks, problem.cost(shared, blocks))
+    if math.isnan(point.cost):
         raise ValueError("the cost at the start is not a number")
     damping = FIRST_DAMPING
     for step in range(1, steps + 1):
-        rows, linearisation = equations_at(shared, blocks)
-        if not (rows.finite and math.isfinite(cost)):
-            return Solution(Outcome.NOT_FINITE, shared, blocks, cost, step, rows)
-        equations = replace(
-            rows,
-            hessian_shared=rows.hessian_shared + precision,
-            gradient_shared=rows.gradient_shared + precision @ shared,
-        )
-        growth = 2.0
-        for _ in range(MAX_TRIES):
-            move = _damped_step(equations, damping)
-            promised = -_model_change(equations, *move)
-            if promised <= tolerance * cost or cost < ROUNDING:
-                # A heavily damped step promises little whatever the gradient.
-                outcome = Outcome.CONVERGED if damping <= 1 or cost < ROUNDING else Outcome.STUCK
-                return Solution(outcome, shared, blocks, cost, step, rows)
-            new_shared = shared + move[0]
-            new_blocks, new_cost = problem.inner_step(new_shared, blocks + move[1])
-            new_cost += prior(new_shared, new_blocks)
-            if not (cost - new_cost) / promised > STRAIGHT_GAIN and math.isfinite(promised):
-                bend = _acceleration_step(
-                    equations, linearisation.curvature_gradient(move), damping
-                )
-                bent_shared = new_shared + bend[0]
-                bent_blocks, bent_cost = problem.inner_step(bent_shared, blocks + move[1] + bend[1])
-                bent_cost += prior(bent_shared, bent_blocks)
-                if bent_cost < new_cost:
-                    new_shared, new_blocks, new_cost = bent_shared, bent_blocks, bent_cost
-            gain = (cost - new_cost) / promised
-            if gain > 0:  # false for a cost that is not finite
-                break
-            damping = max(damping, MIN_RETRY_DAMPING) * growth
-            growth *= 2
-        else:
-            outcome = Outcome.STUCK if math.isfinite(promised) else Outcome.NOT_FINITE
-            return Solution(outcome, shared, blocks, cost, step, rows)
-        shared, blocks, cost = new_shared, new_blocks, new_cost
+        rows, linearisation = with_priors.equations_at(point)
+        if not (rows.finite and math.isfinite(point.cost)):
+            return point.solution(Outcome.NOT_FINITE, step, rows)
+        result = _find_step(with_priors, point, rows, linearisation, damping, tolerance)
+        if isinstance(result, Outcome):
+            return point.solution(result, step, rows)
+        point, damping = result.point, result.next_damping
         del linearisation  # before the next one needs as much memory
-        damping = (max(damping, MIN_RETRY_DAMPING) if gain < 0.25 else damping) * max(
-            1 / 3, 1 - (2 * gain - 1) ** 3
-        )
         if progress:
-            progress(step, cost)
-    rows, _ = equations_at(shared, blocks)
-    return Solution(
-        Outcome.STEPS_USED_UP if rows.finite else Outcome.NOT_FINITE,
-        shared,
-        blocks,
-        cost,
-        steps,
-        rows,
-    )
+            progress(step, point.cost)
+    rows, _ = with_priors.equations_at(point)
+    outcome = Outcome.STEPS_USED_UP if rows.finite else Outcome.NOT_FINITE
+    return point.solution(outcome, steps, rows)
+
+
+@dataclass(frozen=True, slots=True)
+class _Point:
+    """Parameters and their cost, with the priors."""
+
+    shared: Tensor
+    blocks: Tensor
+    cost: float
+
+    def solution(self, outcome: Outcome, iterations: int, rows: NormalEquations) -> Solution:
+        return Solution(outcome, self.shared, self.blocks, self.cost, iterations, rows)
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """A step that lowers the cost."""
+
+    point: _Point
+    """Where it ends."""
+    gain: float
+    """The decrease of the cost over the promised one."""
+    damping: float
+
+    @property
+    def next_damping(self) -> float:
+        """The damping of the next step: less after a good step, more after a poor one."""
+        damping = max(self.damping, MIN_RETRY_DAMPING) if self.gain < 0.25 else self.damping
+        return damping * max(1 / 3, 1 - (2 * self.gain - 1) ** 3)
+
+
+@dataclass(frozen=True, slots=True)
+class _WithPriors:
+    """A problem with the cost of its priors."""
+
+    problem: Problem
+    precision: Tensor
+    """(S, S), that of the problem."""
+
+    def point(self, shared: Tensor, blocks: Tensor, row_cost: float) -> _Point:
+        """Return the point with these parameters, from the cost of its rows alone."""
+        prior = float(shared @ self.precision @ shared) + float(
+            (blocks**2 @ self.problem.block_precision).sum()
+        )
+        return _Point(shared, blocks, row_cost + prior)
+
+    def moved(self, point: _Point, *moves: tuple[Tensor, Tensor]) -> _Point:
+        """Return the point after these moves, and after a step of each block there."""
+        shared, blocks = point.shared, point.blocks
+        for move in moves:
+            shared, blocks = shared + move[0], blocks + move[1]
+        return self.point(shared, *self.problem.inner_step(shared, blocks))
+
+    def equations_at(self, point: _Point) -> tuple[NormalEquations, Linearisation]:
+        """Return the normal equations with the priors on the blocks, and their linearisation."""
+        linearisation = self.problem.linearisation(point.shared, point.blocks)
+        rows = linearisation.equations
+        block_precision = self.problem.block_precision
+        with_prior = replace(
+            rows,
+            hessian_block=rows.hessian_block + block_precision.diag(),
+            gradient_block=rows.gradient_block + block_precision * point.blocks,
+        )
+        return with_prior, linearisation
+
+    def with_shared_prior(self, rows: NormalEquations, point: _Point) -> NormalEquations:
+        """Return the normal equations with the prior on the shared parameters, too."""
+        return replace(
+            rows,
+            hessian_shared=rows.hessian_shared + self.precision,
+            gradient_shared=rows.gradient_shared + self.precision @ point.shared,
+        )
+
+
+def _find_step(
+    with_priors: _WithPriors,
+    point: _Point,
+    rows: NormalEquations,
+    linearisation: Linearisation,
+    damping: float,
+    tolerance: float,
+) -> _Step | Outcome:
+    """Return a step that lowers the cost, with more damping at each try; or how the fit ends."""
+    equations = with_priors.with_shared_prior(rows, point)
+    cost = point.cost
+    growth = 2.0
+    promised = math.nan
+    for _ in range(MAX_TRIES):
+        move = _damped_step(equations, damping)
+        promised = -_model_change(equations, *move)
+        if promised <= tolerance * cost or cost < ROUNDING:
+            # A heavily damped step promises little whatever the gradient.
+            return Outcome.CONVERGED if damping <= 1 or cost < ROUNDING else Outcome.STUCK
+        end = with_priors.moved(point, move)
+        if not (cost - end.cost) / promised > STRAIGHT_GAIN and math.isfinite(promised):
+            curvature = linearisation.curvature_gradient(move)
+            bent = with_priors.moved(point, move, _acceleration_step(equations, curvature, damping))
+            end = bent if bent.cost < end.cost else end
+        gain = (cost - end.cost) / promised
+        if gain > 0:  # false for a cost that is not finite
+            return _Step(end, gain, damping)
+        damping = max(damping, MIN_RETRY_DAMPING) * growth
+        growth *= 2
+    return Outcome.STUCK if math.isfinite(promised) else Outcome.NOT_FINITE
 
 
 def _damped_step(equations: NormalEquations, damping: float) -> tuple[Tensor, Tensor]:
