@@ -1,5 +1,6 @@
 """Evaluate a calibration on held-out views: only the pose of each view is refitted."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from os import PathLike
@@ -12,7 +13,7 @@ from torch import Tensor
 from calib.calibration import Calibration, CalibrationSource
 from calib.corners.copies import count_fitted
 from calib.corners.pose_requirements import split_usable_views
-from calib.corners.view import RejectedPicture
+from calib.corners.view import RejectedPicture, View
 from calib.effects.board_shape import BoardShape
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.observations import Observations
@@ -139,6 +140,28 @@ def evaluate(
         observations.corners, values, poses[observations.view], observations.exposure
     )
     distance = path.distance(points)
+    bad_views, other_views = _split_off_bad_views(views, residual, observations)
+    return Evaluation(
+        rms_px=residual.rms_px,
+        rmse_cm=residual.rmse_cm,
+        frames_used=len(views),
+        by_depth=_bands(residual, distance),
+        near_m=float(distance.min()),
+        far_m=float(distance.max()),
+        rejected=(*left_out, *rejected, *unusable, *poseless),
+        bad_views=bad_views,
+        other_views_rms_px=other_views.rms_px if bad_views else None,
+        fitted_views=count_fitted(views, calibration.views),
+        board=session.board,
+    )
+
+
+def _split_off_bad_views(
+    views: Sequence[View], residual: Residuals, observations: Observations
+) -> tuple[tuple[BadView, ...], Residuals]:
+    """Return the views that are outliers among the views, the worst first, and the residuals of the
+    others. Few views have no outliers.
+    """
     errors = residual.view_errors(observations)
     outlying = outlier_mask(errors) if len(views) >= MIN_VIEWS else np.zeros(len(views), bool)
     bad_views = [
@@ -148,19 +171,7 @@ def evaluate(
     ]
     good_rows = torch.from_numpy(~outlying)[observations.view]
     other_views = Residuals(residual.image[good_rows], residual.board[good_rows])
-    return Evaluation(
-        rms_px=residual.rms_px,
-        rmse_cm=residual.rmse_cm,
-        frames_used=len(views),
-        by_depth=_bands(residual, distance),
-        near_m=float(distance.min()),
-        far_m=float(distance.max()),
-        rejected=(*left_out, *rejected, *unusable, *poseless),
-        bad_views=tuple(sorted(bad_views, key=lambda view: -view.rms_px)),
-        other_views_rms_px=other_views.rms_px if bad_views else None,
-        fitted_views=count_fitted(views, calibration.views),
-        board=session.board,
-    )
+    return tuple(sorted(bad_views, key=lambda view: -view.rms_px)), other_views
 
 
 def held_out_session(

@@ -1,4 +1,11 @@
-"""Fit a calibration to a session."""
+"""Fit a calibration to a session.
+
+1. Gather the views, and what is known of camera and cover: the setup.
+2. Give the unknown shape, the unknown numbers and the grid of the relief a start.
+3. Fit, correct the views, and fit again (`RepeatedFit`).
+4. Decide how far to trust the declared numbers (`resolve_prior_conflict`).
+5. Let the covariance count views, and cross-validate if that was asked for.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -88,20 +95,14 @@ def fit(
         session, inputs, settings, progress, session_setup, redetects=bool(has_pictures)
     )
     repeated.run()
-    views, fitted, session_setup = repeated.views, repeated.fitted, repeated.session_setup
-    prior: FleetPriorTest | None = None
-    media: Mapping[str, float] | None = None
+    views = repeated.views
     with single_thread():
+        media: Mapping[str, float] | None = None
         if settings.method == "joint" and not expectation:
-            media = medium_log_odds(session_setup, fitted, views, settings, progress)
-        if inputs.is_own:
-            resolved = ResolvedFit(fitted, repeated.setup, repeated.setup)
-        elif expectation:
-            resolved, prior = expectation.resolve(fitted, views, settings, progress)
-        else:
-            resolved = resolve_prior_conflict(
-                fitted, repeated.setup, session_setup, views, settings, progress
+            media = medium_log_odds(
+                repeated.session_setup, repeated.fitted, views, settings, progress
             )
+        resolved, prior = _resolve(repeated, expectation)
         joint, uncertainty = _with_uncertainty(resolved, views, session)
     validation: CrossValidation | None = None
     if settings.folds:
@@ -129,6 +130,22 @@ def fit(
     )
     request = FitRequest(settings, provenance=provenance(source))
     return _calibration(repeated, resolved, joint, request, outcome)
+
+
+def _resolve(
+    repeated: RepeatedFit, expectation: Expectation | None
+) -> tuple[ResolvedFit, FleetPriorTest | None]:
+    """Return the fit whose treatment of the declared numbers the views support; and the test of the
+    fleet's prior, if the session has one.
+    """
+    fitted, setup = repeated.fitted, repeated.setup
+    views, settings, progress = repeated.views, repeated.settings, repeated.progress
+    if repeated.inputs.is_own:
+        return ResolvedFit(fitted, setup, setup), None
+    if expectation:
+        return expectation.resolve(fitted, views, settings, progress)
+    session_setup = repeated.session_setup
+    return resolve_prior_conflict(fitted, setup, session_setup, views, settings, progress), None
 
 
 def _with_unknown_numbers(
