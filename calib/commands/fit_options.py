@@ -28,8 +28,8 @@ def add_fit_options(parser: Options, *, default_folds: int = 0) -> None:
         default=(12, 12),
         metavar="AxB",
         help=(
-            "model uneven glass by A centres around the cover and B along it (default: 12x12);"
-            " auto: choose by the error on held-out views; 1x1: even glass"
+            "model uneven glass by a grid of bumps, A around the cover and B along it (default:"
+            " 12x12); auto: choose by the error on held-out views; 1x1: even glass"
         ),
     )
     parser.add_argument(
@@ -38,11 +38,10 @@ def add_fit_options(parser: Options, *, default_folds: int = 0) -> None:
         default=("auto",),
         metavar="auto|all|none|NAME,...",
         help=(
-            "declared numbers to estimate. auto (the default): all. If an estimate leaves its"
-            " tolerance and the pictures do not clearly favour it, only those with a sigma. all:"
-            " all in any case; none: only those with a sigma; or some of radius, slope, offset,"
-            " centre, distance, tilt, thickness, index, intrinsics. auto and all leave exact"
-            " numbers as they are"
+            "declared numbers to estimate. all: every number that is not exact; none: those with a"
+            " sigma only; NAME,...: some of radius, slope, offset, centre, distance, tilt,"
+            " thickness, index, intrinsics; auto (the default): as all, but as none if an estimate"
+            " leaves its tolerance and the pictures do not clearly favour it"
         ),
     )
     default = f" (default: {default_folds})" if default_folds else ""
