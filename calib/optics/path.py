@@ -2,8 +2,12 @@
 the board.
 
 `Path` is an ordered tuple of stages, the paper's Fig. 3. An effect changes the path: it adds an
-adjustment in front of the lens, replaces a stage, or bends the board. Forward tracing goes from the
-camera outwards; `projection` solves the inverse.
+adjustment in front of the lens, replaces a stage, or bends the board.
+
+`Path.trace` goes from pixels to rays that leave the cover, `Path.land` on to the board, and
+`Path.place` from corners to points in space. `trace_with_derivatives` keeps what the derivatives
+need: each stage returns its result and a function that pulls derivatives back through it.
+`projection` solves the inverse, from a point to its pixel.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -39,7 +43,7 @@ from calib.optics.view_blocks import (
 from calib.session.parameter_names import CAMERA
 
 OWN = "camera of the view"
-"""The name of the numbers of each ray's own camera among what is differentiated."""
+"""The name of the derivatives by the camera of each ray's view (`Path.camera_block`)."""
 
 
 class Adjustment(Protocol):
@@ -66,11 +70,11 @@ class Trace:
 
     rays: Rays
     relief_chart: tuple[Tensor, Tensor] | None
-    """The two (M,) coordinates of its own at which the outer relief is read, if there is one."""
+    """The two (M,) chart coordinates at which the outer relief is read; None without a relief."""
     relief_factors: tuple[Tensor | float, ...]
-    """The factors of its height and of its two slopes on the chart."""
+    """The factors of the relief's height and of its two slopes on the chart."""
     pull: Callable[[ByRay], ByName]
-    """From the (k, M) derivatives of k outputs by the rays to those by name."""
+    """A function from the (k, M) derivatives of k outputs by the rays to those by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,8 +228,8 @@ class Path:
             yield from landing.linear_terms()
 
     def trace_from(self, rays: Rays, values: Values, passed: int) -> Rays:
-        """Trace rays that have passed the first `passed` stages, the lens included, to where they
-        leave the cover. The values are already adjusted.
+        """Return rays where they leave the cover. They have passed the first `passed` stages, of
+        which the lens is one, and the values are adjusted.
         """
         if not records(rays, values):
             return self._cross_cover(rays, values, frozenset(), passed)[0].rays
