@@ -1,5 +1,11 @@
-"""The diagnosis of a calibration: find the structure of its residual, name the missing effects, add
-them, and report the error on held-out views before and after.
+"""The diagnosis of a calibration: name the missing effects, add them, and report the error on
+held-out views before and after.
+
+1. Fit the calibration's model again, without the effects that the fit added by itself.
+2. Search for effects that held-out views confirm (`run_search`), and for others that explain the
+   views as well (`find_families`).
+3. Measure both fits on held-out views.
+4. Say what is left: its size above the noise, and what organises it.
 """
 
 from __future__ import annotations
@@ -95,12 +101,7 @@ def diagnose(
     check_progress(progress)
     calibration = Calibration.of(calibration)
     holdout = None if holdout is None else Session.of(holdout)
-    poses = pose_labels(calibration.views)
-    if (count := len(set(poses.tolist()))) < MIN_POSES:
-        raise NotEnoughDataError(
-            f"A diagnosis holds views out in turn and needs {MIN_POSES} or more, but the"
-            f" calibration has {count}: take more pictures."
-        )
+    pose_count = _count_poses(calibration)
     observations = calibration.observations
     advance = progress.task("Diagnosis", STEPS)
     with single_thread():
@@ -115,14 +116,7 @@ def diagnose(
         formulas = tuple(printed_forms(state))
         structure = significant_shares(_shares(calibration, state.fit, observations))
         sentences = _sentences(result, calibration, formulas, structure)
-    # A search that has come to estimate the held numbers leaves no `free_base`.
-    fitted_from = calibration if state.problem.free_base else with_free
-    estimates_others = _names(state.model) != _names(state.problem.base)
-    changed = state.model.effects or calibration.effects or estimates_others
-    # Where nothing was added, every number stays as it was given.
-    extended = (
-        with_fit(fitted_from, state.model, state.joint, observations) if changed else calibration
-    )
+    extended = _with_result(calibration, with_free, state)
     on_holdout: _HoldoutErrors | None = None
     if holdout:
         refitted = with_fit(calibration, base.model, base.joint, observations)
@@ -130,7 +124,7 @@ def diagnose(
         base_held_out, held_out = on_holdout.refitted.rms_px, on_holdout.extended.rms_px
     base_residuals = _residuals(base, observations)
     residuals_left = _residuals(state.fit, observations)
-    noise, noise_source = _noise(calibration, residuals_left, poses)
+    noise, noise_source = _noise(calibration, residuals_left, pose_labels(calibration.views))
     accepted = tuple(effect.name for effect in state.model.effects)
     diagnosis = Diagnosis(
         noise_px=noise,
@@ -144,7 +138,7 @@ def diagnose(
         differing=result.differing,
         given_held_out_px=on_holdout.initial.rms_px if on_holdout else None,
         given=calibration.stages[-1] if calibration.stages else None,
-        decided=count >= MIN_CONFIRMING_VIEWS,
+        decided=pose_count >= MIN_CONFIRMING_VIEWS,
         evaluation=on_holdout.extended if on_holdout else None,
         base_quality=Quality(base_residuals.rms_px, base_residuals.rmse_cm, base_held_out),
         final_quality=Quality(residuals_left.rms_px, residuals_left.rmse_cm, held_out),
@@ -154,6 +148,38 @@ def diagnose(
     )
     history = replace(extended.history, diagnosis=DiagnosisRecord(diagnosis.as_json()))
     return replace(extended, noise_px=noise, history=history), diagnosis
+
+
+def _count_poses(calibration: Calibration) -> int:
+    """Return the number of poses of the board.
+
+    Raises:
+        NotEnoughDataError: they are too few for a diagnosis.
+    """
+    count = len(set(pose_labels(calibration.views).tolist()))
+    if count < MIN_POSES:
+        raise NotEnoughDataError(
+            f"A diagnosis holds views out in turn and needs {MIN_POSES} or more, but the"
+            f" calibration has {count}: take more pictures."
+        )
+    return count
+
+
+def _with_result(
+    calibration: Calibration, with_free: Calibration, state: SearchState
+) -> Calibration:
+    """Return the calibration with the fit after the search. If nothing was added, every number
+    stays as it was given.
+
+    Args:
+        with_free: the calibration with every number estimated.
+    """
+    estimates_others = _names(state.model) != _names(state.problem.base)
+    if not (state.model.effects or calibration.effects or estimates_others):
+        return calibration
+    # A search that has come to estimate the held numbers leaves no `free_base`.
+    fitted_from = calibration if state.problem.free_base else with_free
+    return with_fit(fitted_from, state.model, state.joint, calibration.observations)
 
 
 @dataclass(frozen=True, slots=True)
