@@ -1,7 +1,7 @@
 """The command `calib fit`."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +22,9 @@ from calib.commands.printing import print_remark
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
+    from calib.diagnosis.finding import Diagnosis
+    from calib.progress import Progress
+    from calib.verdict.verdict import Verdict
 
 SUMMARY = "Calibrate a session: a folder of pictures in, a calibration and undistortion maps out."
 DESCRIPTION = """
@@ -77,16 +80,12 @@ def run(args: argparse.Namespace) -> None:
 
     with fast_imports():
         from calib.apply.asked_depths import ReachedDepths, describe_depths
-        from calib.apply.colour import predict_fringes
         from calib.calibration_file import DERIVED, FILES
-        from calib.commands.colour_lines import fringes_lines, fringes_mapping
-        from calib.commands.console import Bars, print_fit
-        from calib.commands.printing import print_json, verdict_mapping
+        from calib.commands.console import Bars
         from calib.commands.verdict_lines import print_verdict
         from calib.diagnosis.possible_effects import check_possible
         from calib.errors import InputError
         from calib.export.npz import npz_file_names, write_npz
-        from calib.fitting.description import calibrated_numbers
         from calib.fitting.fit import fit
         from calib.fitting.provenance import record_request
         from calib.io.file_set import FileSet
@@ -109,17 +108,8 @@ def run(args: argparse.Namespace) -> None:
     ):
         files.reserve([*FILES, *npz_file_names(args.depth), NAME])
         with Bars() as bars:
-            calibration = fit(session, settings, bars)
-            before = calibration
-            finding = None
-            if effects == AUTO:
-                from calib.diagnosis.diagnose import diagnose
-
-                calibration, finding = diagnose(calibration, bars)
-            elif effects:
-                from calib.diagnosis.requested_effects import with_requested
-
-                calibration = with_requested(calibration, effects, bars)
+            before = fit(session, settings, bars)
+            calibration, finding = _with_effects(before, effects, bars)
             reached = ReachedDepths.of(calibration.ray_field(), args.depth)
             depths = reached.depths
             calibration = record_request(calibration, effects, depths)
@@ -133,22 +123,10 @@ def run(args: argparse.Namespace) -> None:
             written += [described.file] if described.file else []
             verdict = judge(calibration, depths=depths, folder=output, session=session.path)
             if args.json:
-                print_json(
-                    summary(calibration, seconds)
-                    | fringes_mapping(predict_fringes(calibration, depths))
-                    | calibrated_numbers(calibration)
-                    | {"calibration": str(written[0])}
-                    | verdict_mapping(verdict, written)
-                )
+                _print_json(calibration, depths, seconds, verdict, written)
             else:
                 if not args.quiet:
-                    print_fit(calibration, seconds, verdict)
-                    for line in fringes_lines(predict_fringes(calibration, depths)):
-                        print(line)
-                if finding and not args.quiet:
-                    from calib.commands.diagnosis_table import print_diagnosis
-
-                    print_diagnosis(finding, calibration)
+                    _print_tables(calibration, depths, seconds, verdict, finding)
                 print_verdict(verdict, written, verdict.further)
     if removed:
         names = ", ".join(removed)
@@ -157,6 +135,66 @@ def run(args: argparse.Namespace) -> None:
         print_remark(remark)
     if reached.refusals:
         raise InputError(f"The calibration is written, a map is not: {reached.refusals[0]}")
+
+
+def _with_effects(
+    calibration: "Calibration", effects: Sequence[str], progress: "Progress"
+) -> "tuple[Calibration, Diagnosis | None]":
+    """Return the calibration with the effects that were asked for, and the diagnosis that found
+    them, if they were asked for by AUTO.
+    """
+    if effects == AUTO:
+        from calib.diagnosis.diagnose import diagnose
+
+        return diagnose(calibration, progress)
+    if effects:
+        from calib.diagnosis.requested_effects import with_requested
+
+        calibration = with_requested(calibration, effects, progress)
+    return calibration, None
+
+
+def _print_json(
+    calibration: "Calibration",
+    depths: Sequence[float],
+    seconds: float,
+    verdict: "Verdict",
+    written: Sequence[Path],
+) -> None:
+    """Print the JSON object of the command contract. The first written path is the calibration."""
+    from calib.apply.colour import predict_fringes
+    from calib.commands.colour_lines import fringes_mapping
+    from calib.commands.printing import print_json, verdict_mapping
+    from calib.fitting.description import calibrated_numbers
+
+    print_json(
+        summary(calibration, seconds)
+        | fringes_mapping(predict_fringes(calibration, depths))
+        | calibrated_numbers(calibration)
+        | {"calibration": str(written[0])}
+        | verdict_mapping(verdict, written)
+    )
+
+
+def _print_tables(
+    calibration: "Calibration",
+    depths: Sequence[float],
+    seconds: float,
+    verdict: "Verdict",
+    finding: "Diagnosis | None",
+) -> None:
+    """Print the tables of the fit and of the diagnosis, if there was one."""
+    from calib.apply.colour import predict_fringes
+    from calib.commands.colour_lines import fringes_lines
+    from calib.commands.console import print_fit
+
+    print_fit(calibration, seconds, verdict)
+    for line in fringes_lines(predict_fringes(calibration, depths)):
+        print(line)
+    if finding:
+        from calib.commands.diagnosis_table import print_diagnosis
+
+        print_diagnosis(finding, calibration)
 
 
 @contextmanager
