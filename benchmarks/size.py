@@ -49,8 +49,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--corners", type=int, nargs="+", default=[10_000, 100_000, 1_000_000])
+    parser.add_argument(
+        "--corners", type=int, nargs="+", default=[1_000, 10_000, 100_000, 1_000_000]
+    )
     parser.add_argument("--kinds", nargs="+", choices=("dense", "board", "views"))
+    parser.add_argument("--grid", default="12x12", help="centres of uneven glass (default: 12x12)")
     options = parser.parse_args()
     kinds = options.kinds or ("dense", "board", "views")
     print(
@@ -64,7 +67,9 @@ def main() -> None:
             # elsewhere, because a process counts the memory of the one that starts it
             with ProcessPoolExecutor(1, get_context("spawn")) as pool:
                 count = pool.submit(write, Path(folder), corners, views).result()
-            code, wall, processor, memory = taken([sys.executable, "-m", "calib", "fit", folder])
+            code, wall, processor, memory = taken(
+                [sys.executable, "-m", "calib", "fit", folder, "--grid", options.grid]
+            )
         cost = f"{1e3 * processor / count:.2f} | {1e6 * memory / count:.1f}"
         print(
             f"| {kind} | {count} | {views} | {code} | {wall:.0f} | {processor:.0f} | {memory:.2f}"

@@ -23,7 +23,7 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
-from calib.optics.relief import Relief
+from calib.optics.relief import Relief, inset_of
 from calib.session.glass import Glass, polynomial_degrees
 
 Array = NDArray[np.float64]
@@ -170,7 +170,7 @@ def relief_basis(relief: Relief) -> Array:
 def _bells(count: int, relief: Relief) -> Array:
     """Return (points, centres), the Gaussians of one axis at the points of the prior."""
     centres = np.arange(count) - (count - 1) / 2
-    points = (1 - relief.inset) * centres
+    points = (1 - inset_of(count, relief.inset)) * centres
     return np.asarray(np.exp(-((points[:, None] - centres) ** 2) / (2 * relief.beta)))
 
 

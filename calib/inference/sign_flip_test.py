@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+LEAST = 1e-300
+"""px^2"""
+ROUNDING = 1e-12
+"""Of a sum, relative to the sum of the absolute values."""
 FLIPS = 20_000
 """Random draws of the signs of all views."""
 
@@ -24,10 +28,11 @@ def gain_p_value(base: Array, extended: Array) -> float:
     difference of the squares, for an effect that only some views show.
 
     Args:
-        base: (V,) px^2, the mean squares of a model.
+        base: (V,) px^2, the mean squares of a model; 0 in both if no corner of a view was scored,
+            which counts as neither better nor worse.
         extended: (V,) px^2, the mean squares of the model that is to be better.
     """
-    by_ratio = sign_flip_p_value(np.log(base / extended))
+    by_ratio = sign_flip_p_value(np.log(base.clip(LEAST) / extended.clip(LEAST)))
     by_difference = sign_flip_p_value(base - extended)
     return min(1.0, 2 * min(by_ratio, by_difference))
 
@@ -35,7 +40,8 @@ def gain_p_value(base: Array, extended: Array) -> float:
 def sign_flip_p_value(values: Array) -> float:
     """Return the p-value of "these (V,) values are negative as often as positive"."""
     flipped = _signs(len(values)) @ values
-    return float(((flipped >= values.sum()).sum() + 1) / (FLIPS + 1))
+    least = values.sum() - ROUNDING * np.abs(values).sum()  # the same signs have the same sum
+    return float(((flipped >= least).sum() + 1) / (FLIPS + 1))
 
 
 @lru_cache(maxsize=1)  # most tests are of the same views

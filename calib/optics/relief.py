@@ -22,12 +22,22 @@ PROBES = ("probe.height", "probe.first", "probe.second")
 derivatives by these three, `spread` computes those by every amplitude.
 """
 
-INSET = 4 / 11
-"""The inset of a fitted relief: two spacings of twelve centres. The heights at as many points as
-there are centres determine the amplitudes. If these points reached to the outermost centres, a
-parabola of 10 um would come out wrong by 0.3 um between them, thirty times what corners show; with
-two spacings, by a nanometre.
+INSET_CENTRES = 12
+INSET = 4 / (INSET_CENTRES - 1)
+"""The inset of a fitted relief: two spacings of twelve centres, and of more. The heights at as many
+points as there are centres determine the amplitudes. If these points reached to the outermost
+centres, a parabola of 10 um would come out wrong by 0.3 um between them, thirty times what corners
+show; with two spacings, by a nanometre.
 """
+
+
+def inset_of(count: int, inset: float) -> float:
+    """Return the inset along an axis of this many centres.
+
+    A Gaussian that is many spacings away from the nearest point of the prior hardly reaches it, so
+    its amplitude could be anything: 24 centres with the inset of twelve had amplitudes of 0.7 m.
+    """
+    return min(inset, inset * (INSET_CENTRES - 1) / (count - 1))
 
 
 MIN_BUMP_WIDTH = 5e-5
@@ -104,7 +114,8 @@ class Relief:
     """
     inset: float = 0.0
     """The prior describes the heights within the patch without this fraction of its half on each
-    side (`calib.estimation.surface_prior`).
+    side (`calib.estimation.surface_prior`); with more than twelve centres, without as many spacings
+    as twelve have.
     """
     anchor: tuple[float, float] | None = None
     """The chart coordinates at which the optical axis leaves the smooth cover, for `low` and
@@ -128,7 +139,10 @@ class Relief:
         """Return the relief whose prior describes the heights from `low` to `high`. Its centres
         reach farther, as a sum of Gaussians falls off at the outermost ones.
         """
-        margin = [INSET / (1 - INSET) / 2 * (b - a) for a, b in zip(low, high, strict=True)]
+        insets = [inset_of(count, INSET) for count in grid]
+        margin = [
+            inset / (1 - inset) / 2 * (b - a) for a, b, inset in zip(low, high, insets, strict=True)
+        ]
         return Relief(
             (low[0] - margin[0], low[1] - margin[1]),
             (high[0] + margin[0], high[1] + margin[1]),
@@ -141,7 +155,10 @@ class Relief:
     @property
     def region(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """The low and high chart coordinates within which the prior describes the heights."""
-        margin = [self.inset / 2 * (b - a) for a, b in zip(self.low, self.high, strict=True)]
+        insets = [inset_of(count, self.inset) for count in self.grid]
+        margin = [
+            inset / 2 * (b - a) for a, b, inset in zip(self.low, self.high, insets, strict=True)
+        ]
         return (
             (self.low[0] + margin[0], self.low[1] + margin[1]),
             (self.high[0] - margin[0], self.high[1] - margin[1]),

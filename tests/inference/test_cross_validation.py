@@ -10,6 +10,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.estimation.poses import refit_poses
 from calib.inference.calibration_model import base_model
 from calib.inference.cross_validation import depth_split, fold_split, hold_out
+from calib.inference.sign_flip_test import gain_p_value
 from calib.progress import Silent
 from tests.diagnosis.hide import fitted, hidden
 
@@ -73,3 +74,16 @@ def test_corners_that_are_hardly_predicted_have_less_weight() -> None:
         assert weighed.mean() == pytest.approx(
             noise, rel=0.3
         )  # what is extrapolated is a few places, whose errors go together
+
+
+def test_a_gain_in_few_views_has_the_probability_of_their_signs() -> None:
+    """Of the 2^V signs, only those of the views themselves have the largest sum, within rounding.
+    The error of a view without any scored corner is 0 in both models: it counts for neither.
+    """
+    base = np.array([1.0, 2.0, 1.5, 0.7, 1.1, 0.3])
+    for count in (3, 5, 6):
+        p_value = gain_p_value(base[:count], base[:count] / 4)
+        assert p_value == pytest.approx(2 / 2**count, rel=0.15)  # of 20,000 draws
+        unseen = np.append(base[:count], 0.0)
+        assert gain_p_value(unseen, unseen / 4) == pytest.approx(p_value, rel=0.15)
+    assert gain_p_value(unseen, unseen) == 1.0
