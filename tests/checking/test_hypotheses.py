@@ -1,5 +1,5 @@
-"""What cannot have happened to one camera is another camera, and what explains nothing is no
-explanation.
+"""A change that cannot happen to one camera means another camera, and a change that explains
+nothing is no explanation.
 """
 
 import re

@@ -246,7 +246,7 @@ def test_sigma_is_for_all_shapes_of_numbers_that_are_estimated(
 
 
 def test_a_cover_that_explains_the_views_as_well_as_none_is_named() -> None:
-    """Of no cover, which the wide priors of a cover's numbers make more probable."""
+    """The fit takes no cover, which the wide priors of a cover's numbers make more probable."""
     calibration = calibrate(made("dome", views=8), INTRINSICS, COVERS["dome"][0])
     odds = {"none": 0.0, "dome": -5.8}
     differing = with_outcome(calibration, shape_log_odds=odds, shape_map_changes_px={"dome": 3.5})

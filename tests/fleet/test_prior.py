@@ -109,7 +109,7 @@ def test_the_fleet_s_focal_length_is_more_exact_than_the_drawing(prior: Path) ->
 def test_few_views_of_new_cameras_give_better_maps(
     views: int, limit_px: float, prior: Path, tmp_path: Path
 ) -> None:
-    """Of three cameras, 0.61 and 0.28 px were measured without the prior, 0.46 and 0.20 with it."""
+    """Three cameras had 0.61 and 0.28 px without the prior, and 0.46 and 0.20 px with it."""
     alone, with_prior = [], []
     for seed in (7, 8, 9):
         new, folder = replace(NEW, seed=seed), tmp_path / str(seed)
