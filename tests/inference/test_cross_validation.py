@@ -77,8 +77,8 @@ def test_corners_that_are_hardly_predicted_have_less_weight() -> None:
 
 
 def test_a_gain_in_few_views_has_the_probability_of_their_signs() -> None:
-    """Only the views' own signs, one choice of 2^V, have the largest sum, within rounding. The error
-    of a view without any scored corner is 0 in both models: it counts for neither.
+    """Only the views' own signs, one choice of 2^V, have the largest sum, within rounding. The
+    error of a view without any scored corner is 0 in both models: it counts for neither.
     """
     base = np.array([1.0, 2.0, 1.5, 0.7, 1.1, 0.3])
     for count in (3, 5, 6):
