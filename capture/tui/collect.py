@@ -42,12 +42,13 @@ from capture.tui.watching_page import WatchingPage
 
 RETRY_S = 3.0  # s, after which a failed camera is tried again
 TAKEN_S = 1.5  # s for which a kept view is announced, whatever comes next
-MORE_VIEWS_HELP = "More views would improve the result: name other pictures in the set-up."
-MORE_BARE_VIEWS_HELP = (
-    "More views would improve the lens.",
-    "Enough to go on. More views would improve the lens.",
+FIT_FIRST = "Fit first: the result says whether more views are needed."
+"""The remark on too few views through the cover, where no more come by themselves."""
+BARE_VIEWS_HELP = (
+    f"These are few for a lens, {ENOUGH_BARE_VIEWS} are enough: better first add other pictures.",
+    "These are enough for the lens: go on.",
 )
-"""The remarks below ENOUGH_BARE_VIEWS, and from there on."""
+"""The remarks on the views below ENOUGH_BARE_VIEWS, and from there on."""
 ENOUGH_NOTE = "There are enough views. More do no harm."
 UNNEEDED_ADVICE = KNOWN_VIEW, NO_BOARD, HOLD_STILL, MOVING, GOOD_VIEW
 """The sentences on a frame that ask for one more view, which nobody needs once there are enough."""
@@ -78,6 +79,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
         Binding("ctrl+o", "results", "Results", key_display="^o"),
         DOTS,
         Binding("escape", "back", "Set-up", key_display="esc"),
+        Binding("s", "correct", show=False),
         *HELP_AND_QUIT,
     ]
 
@@ -132,7 +134,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
     @property
     def early_actions(self) -> frozenset[str]:
         """A fit of few views can be tried, and is not what to do next."""
-        fewest = ENOUGH_BARE_VIEWS if self.recording else MIN_FIT_VIEWS
+        fewest = ENOUGH_BARE_VIEWS if self.recording or self.plan.bare else MIN_FIT_VIEWS
         has_few = len(self.view_corners) < fewest and not self._enough
         early = {"fit", "cover_on"} if has_few else set()
         if self.MAPS and self.calibration() is not None:
@@ -310,9 +312,11 @@ class CollectScreen(WatchingPage, UndistortionPage):
             next_step_text = "n, then put the cover on"
         elif not self.plan.bare and len(self.view_corners) >= MIN_FIT_VIEWS:
             next_step_text = self._fit_keys()
+        restart = f"o to {message.restart_text}, esc to name another source"
         if not next_step_text or not message.exhausted:
-            restart = f"o to {message.restart_text}, esc to name another source"
             next_step_text = ", ".join(filter(None, (next_step_text, restart)))
+        elif self.plan.bare and len(self.view_corners) < ENOUGH_BARE_VIEWS:
+            next_step_text = f"esc to name other pictures, or {next_step_text}"
         return f"{message.sentence} Press {next_step_text}.{self._unused_note()}"
 
     def _unused_note(self) -> str:
@@ -347,10 +351,10 @@ class CollectScreen(WatchingPage, UndistortionPage):
             text = ENOUGH_NOTE if is_announced else f"{self._enough_text()} More views do no harm."
         elif self.MAPS and has_ended and self.view_corners:
             text = (
-                MORE_BARE_VIEWS_HELP[len(self.view_corners) >= ENOUGH_BARE_VIEWS]
+                BARE_VIEWS_HELP[len(self.view_corners) >= ENOUGH_BARE_VIEWS]
                 if self.plan.bare
                 else find_missing(self.plan.session)
-                or (self.awaited if progress is None or self.is_improving else MORE_VIEWS_HELP)
+                or (self.awaited if progress is None or self.is_improving else FIT_FIRST)
             )
         line = self.query_one("#next", Line)
         line.set_class(is_enough, Trust.TRUSTED.value)
@@ -451,6 +455,10 @@ class CollectScreen(WatchingPage, UndistortionPage):
     def action_cover_on(self) -> None:
         self.stop_recording()
         self.dismiss(True)
+
+    def action_correct(self) -> None:
+        self.stop_recording()
+        super().action_correct()
 
     def action_back(self) -> None:
         self.stop_recording()

@@ -10,6 +10,7 @@ from typing import Any
 from textual._context import visible_screen_stack
 from textual.events import Key
 from textual.pilot import Pilot
+from textual.widgets import Select
 
 from capture.tui.app import CaptureApp
 from capture.tui.collect import CollectScreen
@@ -112,9 +113,23 @@ async def describe(pilot: Pilot[None], source: str) -> None:
     await pilot.press("tab")  # the board is a checkerboard
     for text in ("9", "9", "20"):
         await write(pilot, text)
-    await pilot.press("tab")  # the shape is a cone
+    await pilot.press("enter", "c", "enter", "tab")  # the shape is a cone
     for text in CONE:
         await write(pilot, text)
+
+
+async def start_through_cover(pilot: Pilot[None]) -> None:
+    """Choose to record through the cover, and start."""
+    pilot.app.screen.query_one("#phase", Select).value = "covered"
+    await see(pilot, "record now through the cover")
+    await pilot.press("ctrl+s")
+
+
+async def confirm_cover(pilot: Pilot[None]) -> None:
+    """Start, and confirm that the pictures were taken through the cover."""
+    await pilot.press("ctrl+s")
+    await see(pilot, "Were these pictures taken through the cover? If so, start once more.")
+    await pilot.press("ctrl+s")
 
 
 def burst(pilot: Pilot[None], *texts: str) -> None:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from textual.pilot import Pilot
+from textual.widgets import Select
 
 from capture.frames import Frame
 from capture.gate import KNOWN_VIEW, MOTION_BLUR, FrameDecision
@@ -28,6 +29,7 @@ from capture.tui.undistortion_page import UndistortionPage
 from tests.capture.recordings import noise, write_recording
 from tests.capture.tui.driving import (
     burst,
+    confirm_cover,
     drive,
     running,
     see,
@@ -88,9 +90,13 @@ async def _chosen(session: Path, empty: Path) -> None:
         await see(pilot, "a new session")
         burst(pilot, "<enter>", str(FIXTURE))
         await see(pilot, "41.95")
-        await see(pilot, "record now without the cover")
+        await see(pilot, "record now through the cover")  # as most pictures that somebody has
         (session / "bare").mkdir(parents=True)  # as a bare step without a view leaves it
-        await pilot.press("shift+tab", "shift+tab", "shift+tab", "enter", "down", "enter", "ctrl+s")
+        pilot.app.screen.query_one("#phase", Select).value = "bare"
+        await see(pilot, "record now without the cover")
+        pilot.app.screen.query_one("#phase", Select).value = "covered"
+        await see(pilot, "record now through the cover")
+        await confirm_cover(pilot)
         await see(pilot, "[THROUGH COVER]")
         await see(pilot, "No board of 9x9")
         await see(pilot, "computed by the fit: the lens")
@@ -339,7 +345,7 @@ def test_the_glass_has_a_map_of_its_own_once_that_is_computed(tmp_path: Path, em
 async def _glass(session: Path, empty: Path) -> None:
     async with running(session, f"folder:{empty}") as pilot:
         await see(pilot, "continued")
-        await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+        await confirm_cover(pilot)
         await see(pilot, "[THROUGH COVER]")
         panel, glass = pilot.app.screen.query_one(Panel), pilot.app.screen.query_one("#glass", Line)
         await until(pilot, lambda: panel.progress is not None)
