@@ -61,6 +61,7 @@ LAYERS = {
         ("coverage", "recording_loop"),
         (
             "guidance",
+            "missed_boards",
             "narrator",
             "qr_code",
             "served_app",

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from textual import on
+from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal
@@ -22,11 +22,13 @@ from calib.session.session import MIN_FIT_VIEWS
 from calib.verdict.verdict import Trust
 from capture.coverage import Hint, SessionProgress
 from capture.gate import GOOD_VIEW, HOLD_STILL, KNOWN_VIEW, MOVING, NO_BOARD
+from capture.missed_boards import MissedBoards
 from capture.narrator import silence_sentence
 from capture.recording_loop import Step, refusal_reason
 from capture.sources.registry import is_recorded_source, is_rehearsal
 from capture.tui.camera import Preview, RecordingRun, Task
 from capture.tui.cells import CORNER_MARK, HINT_MARK, Mark
+from capture.tui.corrected_fields import RECORD_ANEW, in_form_words, named_fields
 from capture.tui.farewell import calibration_folder
 from capture.tui.fit import FitScreen
 from capture.tui.fit_requirements import find_missing, no_board_advice
@@ -83,6 +85,17 @@ class CollectScreen(WatchingPage, UndistortionPage):
         *HELP_AND_QUIT,
     ]
 
+    CORRECT_BOARD: ClassVar = "esc corrects the board"
+    CORRECT_SIZE: ClassVar = "Press esc to correct it."
+
+    class OtherBoardFound(Message):
+        """The pictures show another board than the declared one."""
+
+        def __init__(self, missed: MissedBoards, sentence: str) -> None:
+            super().__init__()
+            self.missed = missed
+            self.sentence = sentence
+
     class FrameArrived(Message):
         """A frame has arrived."""
 
@@ -110,8 +123,11 @@ class CollectScreen(WatchingPage, UndistortionPage):
         """The end of the source, if all of its pictures were judged."""
         self._end_pictures: tuple[Path, ...] = ()
         """The pictures of the session at that end."""
-        self.wrong_board = ""
-        """The message for the set-up if the source has ended and no picture showed the board."""
+        self._missed = MissedBoards(task.setup[0])
+        self._other_board = ""
+        """The sentence about the board that the pictures show in place of the declared one."""
+        self._has_no_board = False
+        """True if the source has ended and no picture showed the board."""
         self._warned = False
         """True once the screen has said that the views are too few: to press f again is to accept
         that.
@@ -206,7 +222,9 @@ class CollectScreen(WatchingPage, UndistortionPage):
             self._judged_pictures = self._pictures_with_board = self._taken_pictures = 0
             self._known_views = 0
             self._unused = []
-            self._ending = self.wrong_board = ""
+            self._ending = self._other_board = ""
+            self._has_no_board = False
+            self._missed = MissedBoards(self.plan.setup[0])
             self._end = None
             self.refresh_bindings()
 
@@ -232,6 +250,9 @@ class CollectScreen(WatchingPage, UndistortionPage):
 
     def show_step(self, recording: RecordingRun, step: Step) -> None:
         self._judged_pictures += 1
+        self._missed.add(step)
+        if self._missed.is_full and not self.view_corners:
+            self._search_other_board(self._missed)
         self._pictures_with_board += step.detection.corners is not None
         self._corners = (
             step.detection.corners
@@ -290,9 +311,8 @@ class CollectScreen(WatchingPage, UndistortionPage):
             and self._judged_pictures
             and not (self._pictures_with_board or self.view_corners)
         ):
-            self.wrong_board = no_board_advice(
-                self.plan, self._judged_pictures, "correct the board here, or name another source"
-            )
+            self._has_no_board = True
+            self._search_other_board(self._missed)
         if message.exhausted:
             self._end = message
             self._end_pictures = self._pictures()
@@ -305,8 +325,10 @@ class CollectScreen(WatchingPage, UndistortionPage):
     def ending_sentence(self, message: WatchingPage.RecordingStopped) -> str:
         if message.retries:
             return f"{message.sentence} It is tried again every 3 s."
-        if self.wrong_board:
-            return no_board_advice(self.plan, self._judged_pictures)
+        if self._other_board:
+            return f"{in_form_words(self._other_board)} {self.CORRECT_SIZE}"
+        if self._has_no_board:
+            return no_board_advice(self.plan.setup[0], self._judged_pictures, self.CORRECT_BOARD)
         next_step_text = ""
         if self.plan.bare and self.view_corners:
             next_step_text = "n, then put the cover on"
@@ -318,6 +340,33 @@ class CollectScreen(WatchingPage, UndistortionPage):
         elif self.plan.bare and len(self.view_corners) < ENOUGH_BARE_VIEWS:
             next_step_text = f"esc to name other pictures, or {next_step_text}"
         return f"{message.sentence} Press {next_step_text}.{self._unused_note()}"
+
+    @work(thread=True, exclusive=True, group="other board", description="looks for another board")
+    def _search_other_board(self, missed: MissedBoards) -> None:
+        if sentence := missed.describe():
+            self.post_message(self.OtherBoardFound(missed, sentence))
+
+    @on(OtherBoardFound)
+    def _show_other_board(self, message: OtherBoardFound) -> None:
+        if message.missed is not self._missed or self._missed.is_board_right:
+            return  # of an earlier run, or of pictures before the right board
+        self._other_board = message.sentence
+        if self._end:
+            self._ending = self.ending_sentence(self._end)
+            self._repeat_ending()
+        else:
+            self.say(f"{in_form_words(self._other_board)} {self.CORRECT_SIZE}", REASON_S)
+
+    @property
+    def correction(self) -> tuple[str, str]:
+        """The board, if no picture shows it."""
+        if self._other_board:
+            field = next(iter(named_fields(self._other_board)), "")
+            return field, f"{in_form_words(self._other_board)} {RECORD_ANEW}"
+        if self._has_no_board:
+            where = "correct the board here, or name another source"
+            return "", no_board_advice(self.plan.setup[0], self._judged_pictures, where)
+        return "", ""
 
     def _unused_note(self) -> str:
         """Return a note on the photographs that were not taken; none where the session has the
@@ -461,6 +510,9 @@ class CollectScreen(WatchingPage, UndistortionPage):
         super().action_correct()
 
     def action_back(self) -> None:
+        if self.correction[1]:
+            self.action_correct()
+            return
         self.stop_recording()
         self.dismiss(False)
 

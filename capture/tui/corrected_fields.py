@@ -28,7 +28,8 @@ COMMAND = re.compile(r",? or call calib fit with --board [0-9]+x[0-9]+")
 """Matches the command that a sentence proposes beside the keys."""
 
 FIT_ANEW = "Then press ^r to fit again."
-"""The sentence on how to go on from a corrected field."""
+RECORD_ANEW = "Then press ^s to record."
+"""The sentences on how to go on from a corrected field."""
 
 
 def label_of(field: str) -> str:

@@ -82,8 +82,6 @@ class SetupScreen(Page):
         self._phase = PhaseField()
         self._cover_is_on = False
         """True if the person says that the cover is on now."""
-        self._wrong_board = ""
-        """The message about a source without such a board."""
         self._correction: tuple[str, str] | None = None
         """The name of the field that a later page wants corrected, and the sentence about it; both
         empty if the person just wants to see the values.
@@ -175,9 +173,6 @@ class SetupScreen(Page):
         if self._correction:
             self._focus_correction(*self._correction)
             self._correction = None
-        elif self._wrong_board and not is_described:
-            self._focus_error(self._form.first, self._wrong_board)
-            self._wrong_board = ""
         elif (
             is_described
             and self._last_source
@@ -201,7 +196,7 @@ class SetupScreen(Page):
         if not name:
             value = self._source.field if self._form.first.disabled else self._form.first
             can_fit = self.check_action("fit", ())
-            self._focus_error(value, VALUES_AND_FIT if can_fit else VALUES)
+            self._focus_error(value, sentence or (VALUES_AND_FIT if can_fit else VALUES))
             return
         fields = self.query("Input, Select").results(Widget)
         wanted = (field for field in fields if name in (field.name, field.id))
@@ -377,7 +372,8 @@ class SetupScreen(Page):
         ):  # and the same key has not started it already
             screen = CollectScreen(task)
             self.app.push_screen(
-                screen, lambda covered: self._return_from_recording(screen, covered=bool(covered))
+                screen,
+                lambda covered: self._return_from_recording(task, covered=bool(covered)),
             )
 
     def _describe_repeat(self, task: Task) -> str:
@@ -433,12 +429,10 @@ class SetupScreen(Page):
             self._refusal = sentence
             field.focus()
 
-    def _return_from_recording(self, screen: CollectScreen, *, covered: bool) -> None:
-        """Return from a recording: without the cover, perhaps to go on through it; or from a source
-        without such a board.
-        """
-        self._cover_is_on, self._wrong_board = covered, screen.wrong_board
-        if screen.plan.bare and not covered:
+    def _return_from_recording(self, task: Task, *, covered: bool) -> None:
+        """Return from a recording: without the cover, perhaps to go on through it."""
+        self._cover_is_on = covered
+        if task.bare and not covered:
             self._phase.restore(bare=True)
 
     def _read(self) -> Task:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from textual.pilot import Pilot
-from textual.widgets import Select
+from textual.widgets import Input, Select
 
 from capture.frames import Frame
 from capture.gate import KNOWN_VIEW, MOTION_BLUR, FrameDecision
@@ -36,6 +36,7 @@ from tests.capture.tui.driving import (
     sentences_of,
     shown,
     until,
+    write,
 )
 from tests.capture.tui.test_session import FIXTURE
 
@@ -78,6 +79,29 @@ async def _without(session: Path, empty: Path) -> None:
         assert "[SET-UP]" in shown(pilot)
         assert pilot.app.focused is not None
         assert pilot.app.focused.name == "columns"
+
+
+def test_another_board_in_the_pictures_is_proposed_as_by_the_fit(tmp_path: Path) -> None:
+    """The pictures show 9x9 corners, and 9x8 are declared."""
+    drive(_other_board(tmp_path / "session"))
+
+
+async def _other_board(session: Path) -> None:
+    words = "a board of 9x9 inner corners, and none of these shows the declared 9x8: write rows: 9"
+    async with running(session, f"folder:{FIXTURE / 'bare'}") as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, "<enter>", str(FIXTURE))
+        await see(pilot, "41.95")
+        rows = next(f for f in pilot.app.screen.query(Input) if f.name == "rows")
+        rows.value = "8"
+        await pilot.press("ctrl+s")
+        await see(pilot, f"{words} in the set-up. Press esc to correct it.")
+        await pilot.press("escape")
+        await see(pilot, f"{words} in the set-up. Then press ^s to record.")
+        await until(pilot, lambda: rows.has_focus)
+        await write(pilot, "9")
+        await pilot.press("ctrl+s")
+        await see(pilot, "12 views")
 
 
 def test_the_chosen_phase_is_kept(tmp_path: Path, empty: Path) -> None:
