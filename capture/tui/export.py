@@ -121,11 +121,13 @@ class ExportScreen(Dialog[str]):
         note: str = "",
         in_air: bool = False,
         pictures: Path | None = None,
+        has_black_border: bool = False,
     ) -> None:
         """`depth`, in metres, is proposed; `boards`, in metres, is the range from the nearest to
         the farthest board, if it is known. `note` is shown above the fields. `in_air`: the cover
         has air outside, so that maps for water may be wanted. `pictures` is the folder of the
-        session's pictures.
+        session's pictures. `has_black_border`: straight ones have a black border, which is
+        cropped.
         """
         super().__init__()
         self._note = note
@@ -138,6 +140,7 @@ class ExportScreen(Dialog[str]):
         self._calibration = calibration
         self._folder = session / "export"
         self._pictures = pictures
+        self._crop = ["--crop", "0"] if has_black_border else []
         self._summary = ""
         self.is_invalid = False
         """True if the fields cannot be exported, and the screen says why."""
@@ -247,7 +250,14 @@ class ExportScreen(Dialog[str]):
             # the pictures of every depth have the same names
             command = ["undistort", str(self._calibration), str(self._pictures)]
             commands = [
-                [*command, "-o", str(folder / f"{STRAIGHT}_{depth}m"), "--depth", depth]
+                [
+                    *command,
+                    "-o",
+                    str(folder / f"{STRAIGHT}_{depth}m"),
+                    "--depth",
+                    depth,
+                    *self._crop,
+                ]
                 for depth in depths
             ]
         remarks: list[str] = []

@@ -102,8 +102,12 @@ class ResultsScreen(Page):
             depth: float,
             boards: tuple[float, float] | None,
             doubt: str,
+            *,
+            has_black_border: bool,
         ) -> None:
             super().__init__()
+            self.has_black_border = has_black_border
+            """True if straight pictures have a black border unless it is cropped."""
             self.calibration = calibration
             self.depth = depth
             """m, the proposed depth of maps."""
@@ -245,7 +249,15 @@ class ResultsScreen(Page):
         self.watch(self.app, "on_phone", self._arrange)
         text = self._text
         doubt = "" if text.is_trusted else text.headline
-        self.post_message(self.ResultsOpened(text.calibration, text.depth, text.boards, doubt))
+        self.post_message(
+            self.ResultsOpened(
+                text.calibration,
+                text.depth,
+                text.boards,
+                doubt,
+                has_black_border=text.has_black_border,
+            )
+        )
 
     @on(Resize)
     def _arrange(self) -> None:
@@ -440,6 +452,7 @@ class ResultsScreen(Page):
             note=note,
             in_air=not text.is_forbidden and self.result.get("medium") == AIR,
             pictures=pictures,
+            has_black_border=text.has_black_border,
         )
         self.app.push_screen(screen, lambda wrote: self._say(wrote) if wrote else None)
 

@@ -43,6 +43,11 @@ class ResultsText:
         return propose_depth(self.calibration.parent)
 
     @property
+    def has_black_border(self) -> bool:
+        """True if straight pictures for that depth have a black border unless it is cropped."""
+        return bool(self.result.get("black_border"))
+
+    @property
     def boards(self) -> tuple[float, float] | None:
         """m, the depths of the nearest and the farthest corners, if they are known."""
         depths = [float(entry["depth_m"]) for entry in self.result["sigma_px"]]

@@ -338,6 +338,35 @@ def test_the_remarks_of_the_command_are_shown_and_its_bars_are_not(
     assert result.sentence == ("no space." if code else "")
 
 
+@pytest.mark.parametrize("has_border", [True, False])
+def test_the_black_border_of_straight_pictures_is_cropped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_border: bool
+) -> None:
+    (tmp_path / "frames").mkdir()
+    calls: list[Sequence[str]] = []
+
+    def write_pictures(arguments: Sequence[str]) -> CommandResult:
+        calls.append(arguments)
+        return CommandResult(0, f"{tmp_path / '0.png'}\n", "", ())
+
+    monkeypatch.setattr("capture.tui.export.calib", write_pictures)
+    drive(_write_straight(tmp_path, has_border))
+    assert [" ".join(words).endswith("--depth 1 --crop 0") for words in calls] == [has_border]
+
+
+async def _write_straight(session: Path, has_border: bool) -> None:
+    frames = session / "frames"
+    async with running(session) as pilot:
+        screen = ExportScreen(
+            session, session / "calibration", 1.0, pictures=frames, has_black_border=has_border
+        )
+        pilot.app.push_screen(screen)
+        await see(pilot, "depths in metres")
+        screen.query_one("#form", Select).value = STRAIGHT
+        await pilot.press("ctrl+s")
+        await see(pilot, "Wrote 1 straight picture")
+
+
 @pytest.mark.parametrize("form", ["npz", STRAIGHT])
 def test_remarks_stand_below_the_result_and_scroll(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str

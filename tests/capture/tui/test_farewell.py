@@ -87,6 +87,14 @@ def test_the_farewell_of_a_doubtful_calibration_names_the_report(tmp_path: Path)
     )
 
 
+@pytest.mark.parametrize("has_border", [True, False])
+def test_the_farewell_crops_a_black_border(tmp_path: Path, has_border: bool) -> None:
+    shown = tmp_path / "s" / "calibration" / "calibration.yaml"
+    *_, following = farewell_lines(tmp_path, shown, [], depth=0.5, has_black_border=has_border)
+    assert following.startswith("Next: calib undistort ")
+    assert (" --depth 0.5 --crop 0 -o " in following) == has_border
+
+
 def test_the_farewell_proposes_a_depth_that_the_boards_support(tmp_path: Path) -> None:
     shown = tmp_path / "s" / "calibration" / "calibration.yaml"
     for written, proposed in ((("60", "0.7"), "0.7"), (("60", "0.05"), "0.5"), ((), "0.5")):
