@@ -61,8 +61,8 @@ LAYERS = {
         ("coverage", "recording_loop"),
         (
             "guidance",
-            "missed_boards",
             "narrator",
+            "other_board_search",
             "qr_code",
             "served_app",
             "doorkeeper",

@@ -22,8 +22,8 @@ from calib.session.session import MIN_FIT_VIEWS
 from calib.verdict.verdict import Trust
 from capture.coverage import Hint, SessionProgress
 from capture.gate import GOOD_VIEW, HOLD_STILL, KNOWN_VIEW, MOVING, NO_BOARD
-from capture.missed_boards import MissedBoards
 from capture.narrator import silence_sentence
+from capture.other_board_search import OtherBoardSearch
 from capture.recording_loop import Step, refusal_reason
 from capture.sources.registry import is_recorded_source, is_rehearsal
 from capture.tui.camera import Preview, RecordingRun, Task
@@ -91,9 +91,9 @@ class CollectScreen(WatchingPage, UndistortionPage):
     class OtherBoardFound(Message):
         """The pictures show another board than the declared one."""
 
-        def __init__(self, missed: MissedBoards, sentence: str) -> None:
+        def __init__(self, search: OtherBoardSearch, sentence: str) -> None:
             super().__init__()
-            self.missed = missed
+            self.search = search
             self.sentence = sentence
 
     class FrameArrived(Message):
@@ -123,7 +123,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
         """The end of the source, if all of its pictures were judged."""
         self._end_pictures: tuple[Path, ...] = ()
         """The pictures of the session at that end."""
-        self._missed = MissedBoards(task.setup[0])
+        self._search = OtherBoardSearch(task.setup[0])
         self._other_board = ""
         """The sentence about the board that the pictures show in place of the declared one."""
         self._has_no_board = False
@@ -224,7 +224,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
             self._unused = []
             self._ending = self._other_board = ""
             self._has_no_board = False
-            self._missed = MissedBoards(self.plan.setup[0])
+            self._search = OtherBoardSearch(self.plan.setup[0])
             self._end = None
             self.refresh_bindings()
 
@@ -250,9 +250,9 @@ class CollectScreen(WatchingPage, UndistortionPage):
 
     def show_step(self, recording: RecordingRun, step: Step) -> None:
         self._judged_pictures += 1
-        self._missed.add(step)
-        if self._missed.is_full and not self.view_corners:
-            self._search_other_board(self._missed)
+        self._search.add(step)
+        if self._search.is_full and not self.view_corners:
+            self._search_other_board(self._search)
         self._pictures_with_board += step.detection.corners is not None
         self._corners = (
             step.detection.corners
@@ -312,7 +312,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
             and not (self._pictures_with_board or self.view_corners)
         ):
             self._has_no_board = True
-            self._search_other_board(self._missed)
+            self._search_other_board(self._search)
         if message.exhausted:
             self._end = message
             self._end_pictures = self._pictures()
@@ -342,13 +342,13 @@ class CollectScreen(WatchingPage, UndistortionPage):
         return f"{message.sentence} Press {next_step_text}.{self._unused_note()}"
 
     @work(thread=True, exclusive=True, group="other board", description="looks for another board")
-    def _search_other_board(self, missed: MissedBoards) -> None:
-        if sentence := missed.describe():
-            self.post_message(self.OtherBoardFound(missed, sentence))
+    def _search_other_board(self, search: OtherBoardSearch) -> None:
+        if sentence := search.describe():
+            self.post_message(self.OtherBoardFound(search, sentence))
 
     @on(OtherBoardFound)
     def _show_other_board(self, message: OtherBoardFound) -> None:
-        if message.missed is not self._missed or self._missed.is_board_right:
+        if message.search is not self._search or self._search.is_board_right:
             return  # of an earlier run, or of pictures before the right board
         self._other_board = message.sentence
         if self._end:

@@ -25,15 +25,15 @@ def test_work_that_goes_on_is_waited_for(tmp_path: Path) -> None:
 async def _wait_for_worker(session: Path) -> None:
     """The worker outlasts the looks at an idle app, which are 0.02 s apart or more."""
     async with running(session, "folder:nowhere") as pilot:
-        finished: list[bool] = []
+        endings: list[bool] = []
 
         def work() -> None:
             time.sleep(1.0)
-            finished.append(True)
+            endings.append(True)
 
         pilot.app.run_worker(work, thread=True)
         assert not is_idle(pilot)
-        await until(pilot, lambda: bool(finished))
+        await until(pilot, lambda: bool(endings))
 
 
 def test_a_timer_that_runs_once_is_waited_for(tmp_path: Path) -> None:
@@ -42,6 +42,6 @@ def test_a_timer_that_runs_once_is_waited_for(tmp_path: Path) -> None:
 
 async def _wait_for_timer(session: Path) -> None:
     async with running(session, "folder:nowhere") as pilot:
-        rung: list[bool] = []
-        pilot.app.set_timer(1.0, lambda: rung.append(True))
-        await until(pilot, lambda: bool(rung))
+        rings: list[bool] = []
+        pilot.app.set_timer(1.0, lambda: rings.append(True))
+        await until(pilot, lambda: bool(rings))

@@ -12,7 +12,7 @@ from calib.session.board import Board
 from capture.finders import make_finder
 from capture.frames import Frame
 from capture.gate import FrameDecision
-from capture.missed_boards import INTERVAL_S, MissedBoards
+from capture.other_board_search import INTERVAL_S, OtherBoardSearch
 from capture.recording_loop import Step
 from tests.capture.recordings import FIXTURE, capture
 
@@ -35,31 +35,31 @@ def frames() -> list[Frame]:
 
 
 def test_the_size_that_the_pictures_show_is_named(frames: list[Frame]) -> None:
-    missed = MissedBoards(DECLARED)
+    search = OtherBoardSearch(DECLARED)
     for frame in frames:
-        missed.add(step_of(frame, DECLARED))
-    assert len(missed.pictures) == SAMPLE_SIZE
-    assert "write board.columns: 9, board.rows: 9 in session.yaml" in missed.describe()
-    assert not missed.pictures, "the next frames are another sample"
-    assert missed.describe() == ""
+        search.add(step_of(frame, DECLARED))
+    assert len(search.pictures) == SAMPLE_SIZE
+    assert "write board.columns: 9, board.rows: 9 in session.yaml" in search.describe()
+    assert not search.pictures, "the next frames are another sample"
+    assert search.describe() == ""
 
 
 def test_a_picture_of_the_declared_board_ends_the_search(frames: list[Frame]) -> None:
-    missed = MissedBoards(DECLARED)
-    missed.add(step_of(frames[0], DECLARED))
-    missed.add(step_of(frames[1], Board(9, 9, 0.02)))
-    missed.add(step_of(frames[2], DECLARED))
-    assert missed.is_board_right
-    assert not missed.pictures
+    search = OtherBoardSearch(DECLARED)
+    search.add(step_of(frames[0], DECLARED))
+    search.add(step_of(frames[1], Board(9, 9, 0.02)))
+    search.add(step_of(frames[2], DECLARED))
+    assert search.is_board_right
+    assert not search.pictures
 
 
 def test_frames_of_a_stream_are_some_time_apart(frames: list[Frame]) -> None:
-    missed = MissedBoards(DECLARED)
+    search = OtherBoardSearch(DECLARED)
     step = step_of(frames[0], DECLARED)
     for count in range(5):
         streamed = replace(step.frame, isolated=False, time_s=count * INTERVAL_S / 2)
-        missed.add(replace(step, frame=streamed))
-    assert len(missed.pictures) == 3
+        search.add(replace(step, frame=streamed))
+    assert len(search.pictures) == 3
 
 
 def test_a_recording_without_the_board_names_the_one_that_is_there(tmp_path: Path) -> None:

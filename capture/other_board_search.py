@@ -16,7 +16,7 @@ INTERVAL_S = 0.5
 
 
 @dataclass(slots=True)
-class MissedBoards:
+class OtherBoardSearch:
     """A sample of pictures without the declared board, as long as no picture shows it."""
 
     board: Board
