@@ -19,7 +19,7 @@ from calib.io.numerals import counted
 from calib.io.result_names import CALIBRATION_ARRAYS, CALIBRATION_FILE
 from calib.io.shell import shell_line
 from calib.session.lens import OPENCV
-from calib.verdict.verdict import Trust
+from calib.verdict.verdict import MAPS_HOLD, Trust
 from capture.session_file import read_calibrated
 
 REPORT = "report.html"
@@ -103,7 +103,10 @@ def farewell_lines(
             yield f"The report is {_printable(report)}"
         maps = maps or files_since(folder / CALIBRATION_FILE, exported)
         yield from _exported_lines(maps)
-        if doubt:
+        if doubt == MAPS_HOLD:  # as after calib fit, the use comes first
+            yield f"{doubt} The report says with which."
+            doubt = ""
+        elif doubt:
             yield f"{doubt} The report says why, and what to do."
             yield f"Next: {shell_command('calib', 'report', folder)}"
         if doubt != Trust.DO_NOT_USE.sentence:

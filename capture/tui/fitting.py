@@ -111,6 +111,7 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
         "verdict": {
             "word": verdict.word.value,
             "sentences": verdict.sentences,
+            "maps_hold": verdict.maps_hold,
             "fields": suspected_fields(verdict.to_correct, declared.cover.shape, has_lens=has_lens),
         },
         "notes": verdict.notes,

@@ -174,6 +174,9 @@ class ResultsText:
         correct = f"s to correct {list_labels(self.fields)} in the set-up, " if self.fields else ""
         if self.is_forbidden:
             return f"Press {correct}r for the report, which says more."
+        if self.result["verdict"].get("maps_hold") and not self.fields:
+            faults = "" if is_faultless else ", e to find faults"
+            return f"Press {exports}, r for the report{faults}."
         faults = "" if is_faultless else "e to find faults, "
         return f"Press {correct}{faults}r for the report, {exports}."
 
