@@ -321,7 +321,9 @@ class SetupScreen(Page):
         """Explain the field and its error; nothing about another field stays."""
         widget = event.widget
         key = widget.id or widget.name or ""
-        if not key:  # the list of a choice has no key: its hint stays
+        # the list of a choice has no key: its hint stays. A field deep in the form may report its
+        # focus after the next field has it
+        if not key or not widget.has_focus:
             return
         self._show_help(key, OPEN_LIST if isinstance(widget, Select) else "")
         problem = (

@@ -125,6 +125,19 @@ def _page_blocks(app: App[None]) -> list[dict[str, object]]:
     return blocks
 
 
+def test_the_hint_is_that_of_the_field_however_fast_it_is_reached(tmp_path: Path) -> None:
+    drive(_hinted(tmp_path / "session"))
+
+
+async def _hinted(session: Path) -> None:
+    async with running(session, "folder:nowhere") as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, *["<tab>"] * 3, "10", "<tab>", "10", "<tab>", "20", "<tab>")
+        await until(pilot, lambda: pilot.app.focused is pilot.app.screen.query_one("#shape"))
+        await see(pilot, "Choose the shape of the cover. none: there is none")
+        await see(pilot, "tab goes on.")
+
+
 def test_letters_do_not_overtake_the_keys_that_edit(tmp_path: Path) -> None:
     drive(_edited(tmp_path / "session"))
 
