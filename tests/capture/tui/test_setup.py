@@ -189,11 +189,11 @@ async def _fields(session: Path) -> None:
         await pilot.press("tab", "tab", "tab", "tab", "tab", *"0.02")
         await see(pilot, "if metres were meant")
         await pilot.press("tab")
-        await see(pilot, "The cover in front of the camera")
+        await see(pilot, "Choose the shape of the cover")
         assert "if metres were meant" not in " ".join(shown(pilot).split())
         await pilot.press("enter")  # its choices
         await see(pilot, "cylinder")
-        assert "The cover in front of the camera" in shown(pilot)
+        assert "Choose the shape of the cover" in shown(pilot)
         await pilot.press("escape", "shift+tab")
         await see(pilot, "if metres were meant")
 
