@@ -16,6 +16,8 @@ from calib.undistortion.ray_field import RayField
 
 NOTABLE = 0.05
 """The fraction of the picture that may be inside the cover without a remark."""
+UNUSABLE = 1.0
+"""px, the expected error of maps that are hardly of use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +62,7 @@ def describe_depths(calibration: Calibration, depths: Iterable[float]) -> Iterat
 
 
 def describe_all(calibration: Calibration, depths: Iterable[float]) -> Iterator[str]:
-    """Yield the sentences of `describe_depths` and of `describe_unsupported`.
+    """Yield the sentences of `describe_depths`, `describe_unsupported` and `describe_unusable`.
 
     Raises:
         InputError: the camera sees nothing at one of the depths; there is no sentence before it.
@@ -70,6 +72,7 @@ def describe_all(calibration: Calibration, depths: Iterable[float]) -> Iterator[
         calibration.ray_field().check_reach(depth)
     yield from describe_depths(calibration, depths)
     yield from describe_unsupported(calibration, depths)
+    yield from describe_unusable(calibration, depths)
 
 
 def describe_unsupported(calibration: Calibration, depths: Iterable[float]) -> Iterator[str]:
@@ -83,6 +86,21 @@ def describe_unsupported(calibration: Calibration, depths: Iterable[float]) -> I
             f"Take care at {', '.join(f'{depth:g} m' for depth in untrusted)}: the boards were"
             f" {near:.2g} to {far:.2g} m away, which supports {describe_trusted(near, far)}."
             f"{_expected_error(calibration, untrusted)}"
+        )
+
+
+def describe_unusable(calibration: Calibration, depths: Iterable[float]) -> Iterator[str]:
+    """Yield a sentence on a calibration of another medium, without views there, whose maps have a
+    large expected error at one of the depths, m. That of others is in their verdict.
+    """
+    if len(calibration.views):
+        return
+    sigmas = map_sigmas(calibration, list(dict.fromkeys(depths)))
+    if large := {depth: sigma for depth, sigma in sigmas.items() if sigma > UNUSABLE}:
+        yield (
+            f"Do not use these maps yet. Expected error (sigma): {describe_sigmas(large)}. Take"
+            " three pictures of the board in the medium that is outside of the cover now, and"
+            " update the calibration with them: calib check CALIBRATION PICTURES --update."
         )
 
 

@@ -117,7 +117,8 @@ def with_own_verdict(result: CheckResult, calibration: Calibration) -> CheckResu
     if verdict.word is Trust.TRUSTED or verdict.maps_hold:
         return result
     sentence = uncapitalised(verdict.headline).rstrip(".")
-    note = f'the verdict on the calibration itself is "{sentence}": calib report says why'
+    why = ": calib report says why" if calibration.views else ""  # no report without views
+    note = f'the verdict on the calibration itself is "{sentence}"{why}'
     return replace(result, note=note)
 
 

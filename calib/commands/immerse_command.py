@@ -238,7 +238,11 @@ def _remarks(immersion: "Immersion") -> Iterator[str]:
             "the fit estimated no covariance, so the uncertainty of these maps is unknown: fit with"
             " --method joint."
         )
+    from calib.apply.asked_depths import UNUSABLE
+
     if immersion.unknown:
+        largest = max(immersion.after_px, default=0.0)
+        unusable = "do not use these maps yet: " if largest > UNUSABLE else ""
         dominant = immersion.dominant[:2]
         numbers = " and ".join(parameter.words for parameter in dominant) or "a number"
         verb, pronoun = ("matter", "them") if len(dominant) > 1 else ("matters", "it")
@@ -251,8 +255,8 @@ def _remarks(immersion: "Immersion") -> Iterator[str]:
         if _depends_on_face(immersion):
             face = f", and show which face of the glass is uneven ({ASSUMED_FACE})"
         yield (
-            f"the views do not determine {numbers}, which {verb} in the new medium. Three pictures"
-            f" of the board there determine {pronoun} (calib check IMMERSED PICTURES"
+            f"{unusable}the views do not determine {numbers}, which {verb} in the new medium."
+            f" Three pictures of the board there determine {pronoun} (calib check IMMERSED PICTURES"
             f" --update){face}.{''.join(advice)}"
         )
     elif _depends_on_face(immersion):

@@ -44,6 +44,10 @@ FURTHER = "further"
 AIR_ADVICE = (
     "These maps are for air. For use under water, choose the form further, then water or sea."
 )
+WATER_ADVICE = (
+    "These maps are a prediction for an index of {index} outside. calib check compares them with"
+    " pictures taken there."
+)
 NO_DEPTH = "Straight pictures are of a depth: name one, in metres."
 EXPORT_DONE = "That is all: esc goes back to the results, q quits."
 OVERWRITE_ADVICE = ", or replace what is there with --overwrite"
@@ -185,6 +189,17 @@ class ExportScreen(Dialog[str]):
     @on(Select.Changed, "#form")
     def _offer_further(self, event: Select.Changed) -> None:
         self.query_one(f"#row-{FURTHER}").display = event.value == FURTHER
+        self._name_medium()
+
+    @on(Select.Changed, f"#{FURTHER}")
+    def _name_medium(self) -> None:
+        """Say for which medium the chosen maps are."""
+        form = str(self.query_one(f"#{FURTHER}", Select).value)
+        if self.query_one("#form", Select).value == FURTHER and form in WATERS:
+            advice = WATER_ADVICE.format(index=WATERS[form])
+        else:
+            advice = AIR_ADVICE
+        self.query_one("#advice", Static).update(advice)
 
     @on(Input.Changed)
     def _check(self) -> None:

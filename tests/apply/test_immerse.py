@@ -12,6 +12,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from calib.apply.asked_depths import describe_all, describe_unusable
 from calib.apply.change_medium import DEPTHS, Immersion, immerse, replace_medium
 from calib.apply.dominant_uncertainty import MAX_SIGMA_PX
 from calib.apply.map_uncertainty import predicted_sigma
@@ -465,8 +466,13 @@ def test_the_command_prints_sentences_for_people(
     assert "outside index 1.34 ± 0.10" in " ".join(out.split())
     assert re.search(r"outside 1\.34( +│ +\d+\.\d{3} px){3}", out)
     assert re.search(r"\.\.\. with the index of what is outside exact( +│ +\d+\.\d{3} px){3}", out)
-    assert "the views do not determine the index of what is outside" in err
+    assert "do not use these maps yet: the views do not determine the index of what is" in err
     assert "Or, for the index of what is outside: measure its salinity" in err
+    wet = Calibration.load(tmp_path / "wet")
+    (sentence,) = describe_unusable(wet, [0.5])
+    assert "Do not use these maps yet." in sentence
+    assert sentence in list(describe_all(wet, [0.5]))
+    assert not list(describe_unusable(Calibration.load(saved), [0.5]))
     assert "measure its salinity and temperature, and write --index-sigma" in err
     assert (
         main(

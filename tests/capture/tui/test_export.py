@@ -415,6 +415,7 @@ async def _in_water(session: Path, form: str) -> None:
         await see(pilot, "These maps are for air")
         screen.query_one("#form", Select).value = FURTHER
         screen.query_one(f"#{FURTHER}", Select).value = form
+        await see(pilot, f"a prediction for an index of {WATERS[form]} outside")
         await pilot.press("ctrl+s")
         await see(pilot, "Wrote rays.npz map_1m.npz")
 
