@@ -40,8 +40,8 @@ from calib.session.schema import Number
 FIRST_SIGMA = 0.1
 """px: the noise with which a fit starts."""
 GOOD_GLASS = Smoothness(height=1e-7, length=0.4)
-"""The start of a fit that should explain as much as possible by its free parameters. A relief with
-a loose prior would drift along directions that these can imitate.
+"""The start of a fit that should explain as much as possible by its free parameters. With a loose
+prior, the relief would imitate them and drift together with them.
 """
 UNEVEN_GLASS = Smoothness(height=1e-5, length=0.4)
 """The start of a fit that should explain as much as possible by the glass."""
@@ -198,10 +198,10 @@ def fit_joint(
             solution.equations, shared, freedom, sigma, parameters, observations.merged_squares
         )
         gradient = reduced.gradient + problem.precision @ shared
-        missed = float(gradient @ covariance @ gradient)
-        # The evidence takes the error at the minimum of its quadratic, which a fit that is stuck
-        # does not reach.
-        log_evidence = evidence.log(sigma, smoothness) - missed / 2
+        excess = float(gradient @ covariance @ gradient)
+        # The evidence assumes the cost at the minimum of its quadratic. A fit that is stuck has a
+        # larger cost, by this excess.
+        log_evidence = evidence.log(sigma, smoothness) - excess / 2
     return JointFit(
         values=parameters.values(shared),
         poses=poses,
