@@ -55,8 +55,8 @@ GAUGES = {
     ),
     "joint": (
         "camera frame at the pinhole; cover and intrinsics near what is stated, or what bare/"
-        " gives, by their tolerances; the relief's figure free, what is finer near zero by its"
-        " prior"
+        " gives, by their tolerances; the relief's overall form free, its finer detail near zero"
+        " by its prior"
     ),
 }
 
