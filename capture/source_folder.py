@@ -115,13 +115,27 @@ def _are_equal(picture: Path, copy: Path) -> bool:
 
 def is_kind_unknown(source: str) -> bool:
     """Return True for recorded pictures of which nothing says whether they show the cover: neither
-    the name bare nor a session.yaml.
+    the name bare, nor a folder bare beside them, nor a session.yaml.
     """
     folder = _folder(source)
     if not folder:
         return full_source(source).startswith("video:")
     outer = folder.parent if folder.name == "frames" else folder
-    return folder.name != "bare" and not (outer / "session.yaml").is_file()
+    is_described = (outer / "session.yaml").is_file() or (outer / "bare").is_dir()
+    return folder.name != "bare" and not is_described
+
+
+def may_show_cover(source: str) -> bool:
+    """Return True for recorded pictures that are likely to show the cover: those of which nothing
+    says so, and those of a session with a cover that has no pictures without it there.
+    """
+    if is_kind_unknown(source):
+        return True
+    folder = _folder(source)
+    if not folder or (folder / "bare").is_dir():
+        return False
+    is_beside_bare = folder.name == "frames" and (folder.parent / "bare").is_dir()
+    return is_beside_bare or bool(describe_mismatch(source, covered=False))
 
 
 def _folder(source: str) -> Path | None:

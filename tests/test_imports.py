@@ -62,6 +62,7 @@ LAYERS = {
         (
             "guidance",
             "narrator",
+            "other_board_search",
             "qr_code",
             "served_app",
             "doorkeeper",

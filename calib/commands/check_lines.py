@@ -13,6 +13,7 @@ from calib.checking.pictures import OTHER_BOARD, OTHER_MODE
 from calib.checking.result import CheckResult, CheckStatistics, CheckStatus
 from calib.checking.significance import ALPHA
 from calib.checking.update import NumberUpdate
+from calib.commands.left_out_lines import left_out_lines
 from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.intrinsics.calibrate import MIN_BARE_POSES
@@ -124,8 +125,8 @@ def result_lines(result: CheckResult, numbers: Sequence[NumberUpdate] = ()) -> I
     """Yield the reasons for the status as harmless text."""
     for line in _reasons(result):
         yield harmless(f"- {line}")
-    for rejected in result.rejected:
-        yield harmless(f"Left out {rejected.name}: {rejected.reason}")
+    pictures = ((picture.name, picture.reason) for picture in result.rejected)
+    yield from map(harmless, left_out_lines(pictures, "Left out"))
     for number in numbers:
         prior = with_sigma(number.prior, number.prior_sigma)
         updated = with_sigma(number.updated, number.updated_sigma)

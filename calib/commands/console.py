@@ -19,6 +19,7 @@ from calib.apply.angular_reach import undistortion_limit
 from calib.apply.map_uncertainty import describe_sigmas, map_sigmas
 from calib.calibration import Calibration
 from calib.calibration_content import Stage
+from calib.commands.left_out_lines import left_out_lines
 from calib.commands.printing import drop
 from calib.corners.copies import describe_still
 from calib.corners.view import RejectedPicture
@@ -311,9 +312,5 @@ def print_evaluation(evaluation: Evaluation, fitted_px: float | None, *, wide: b
 
 def _list_rejected(console: Console, rejected: Sequence[RejectedPicture]) -> None:
     """Print the pictures that were not used, those of one reason together."""
-    names_by_reason: dict[str, list[str]] = {}
-    for picture in rejected:
-        names_by_reason.setdefault(picture.reason, []).append(picture.name)
-    for reason, names in names_by_reason.items():
-        line = f"Not used: {', '.join(names)}: {reason}."
+    for line in left_out_lines(((p.name, p.reason) for p in rejected), "Not used:"):
         console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)

@@ -30,6 +30,7 @@ from calib.io.numerals import depth_text
 from calib.io.shell import shell_line
 from calib.rounding import with_sigma
 from calib.session.dispersion import Dispersion
+from calib.session.typed_number import join_sigmas
 
 if TYPE_CHECKING:
     from calib.apply.change_medium import Immersion
@@ -66,7 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--outside-index",
         type=_outside_index,
         metavar="N",
-        help="refractive index of the medium outside, such as 1.34 for sea water, or 1 for air",
+        help="refractive index of the medium outside, such as 1.34 for sea water, or 1 for air;"
+        " 1.34+-0.001 with its standard deviation",
     )
     parser.add_argument(
         "--salinity",
@@ -87,8 +89,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="wavelength of the light, nm (default: 550)",
     )
     sigma = (
-        "standard deviation of the index (default: 0.001 for water, because its temperature and the"
-        " camera's colours vary; 0 for air)"
+        "standard deviation of the index (default: 0.004 for a plain index of water, from fresh"
+        " water to the sea's; 0.001 for described water, because the camera's colours vary; 0 for"
+        " air)"
     )
     parser.add_argument("--index-sigma", type=_parser_between(0, 0.1), metavar="N", help=sigma)
     add_depths(parser, required=False)
@@ -100,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    index = _index(args)
+    index, stated_sigma = _index(args)
 
     with fast_imports():
         from calib.apply.change_medium import DEPTHS, immerse
@@ -114,13 +117,13 @@ def run(args: argparse.Namespace) -> None:
         from calib.io.file_set import FileSet
         from calib.io.output_folder import check_no_link
         from calib.session.schema import Number
-        from calib.session.tolerances import WATER_INDEX
+        from calib.session.tolerances import ANY_WATER, WATER_INDEX
 
-    sigma = (
-        args.index_sigma
-        if args.index_sigma is not None
-        else WATER_INDEX.sigma * (index > MAX_GAS_INDEX)
-    )
+    if args.index_sigma is not None and stated_sigma is not None:
+        raise InputError("--outside-index already has a sigma: drop it, or --index-sigma.")
+    usual = ANY_WATER if args.outside_index is not None else WATER_INDEX
+    stated_sigmas = [s for s in (args.index_sigma, stated_sigma) if s is not None]
+    sigma = (*stated_sigmas, usual.sigma * (index > MAX_GAS_INDEX))[0]
     calibration = Calibration.load(args.calibration)
     depths = tuple(dict.fromkeys(args.depth))
     output = args.output or check_no_link(folder_of(args.calibration) / "immersed")
@@ -180,14 +183,16 @@ def _parser_between(low: float, high: float) -> Callable[[str], float]:
     return parse
 
 
-def _outside_index(text: str) -> float:
+def _outside_index(text: str) -> tuple[float, float | None]:
+    """Return an index, and its sigma if the text has one."""
     refuse_material(text)
-    return _parser_between(1, 2)(text)
+    index, mark, sigma = join_sigmas(text).partition("±")
+    return _parser_between(1, 2)(index), _parser_between(0, 0.1)(sigma) if mark else None
 
 
-def _index(args: argparse.Namespace) -> float:
-    """Return the refractive index of the medium outside: the given one, or that of the described
-    water.
+def _index(args: argparse.Namespace) -> tuple[float, float | None]:
+    """Return the refractive index of the medium outside, the given one or that of the described
+    water, and the sigma that is given with it.
     """
     water = (args.salinity, args.temperature, args.wavelength)
     if args.outside_index is not None:
@@ -196,15 +201,15 @@ def _index(args: argparse.Namespace) -> float:
                 "--outside-index already fixes the index: drop it, or --salinity, --temperature and"
                 " --wavelength."
             )
-        return float(args.outside_index)
+        index, sigma = args.outside_index
+        return float(index), sigma
     if all(number is None for number in water):
         raise InputError(
             "the medium outside is not stated: write --outside-index 1.34, or --salinity 35"
             " --temperature 15 for sea water."
         )
-    return index_of_water(
-        *_salinity_temperature(args), GREEN if args.wavelength is None else args.wavelength
-    )
+    wavelength = GREEN if args.wavelength is None else args.wavelength
+    return index_of_water(*_salinity_temperature(args), wavelength), None
 
 
 def _salinity_temperature(args: argparse.Namespace) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from rich.table import Table
 from calib.checking.result import CheckStatus
 from calib.checking.significance import ALPHA
 from calib.commands.check_lines import error_words, p_text
+from calib.commands.left_out_lines import left_out_lines
 from calib.commands.program import runnable_command
 from calib.errors import harmless
 from calib.io.shell import shell_line, shell_path
@@ -62,8 +63,8 @@ def rig_check_lines(result: RigCheckResult) -> Iterator[str]:
     """Yield the reasons for the status as harmless text."""
     for line in _reasons(result):
         yield harmless(f"- {line}")
-    for view in result.rejected:
-        yield harmless(f"Left out {view.file} of {view.camera}: {view.reason}")
+    pictures = ((f"{view.file} of {view.camera}", view.reason) for view in result.rejected)
+    yield from map(harmless, left_out_lines(pictures, "Left out"))
 
 
 def _reasons(result: RigCheckResult) -> Iterator[str]:

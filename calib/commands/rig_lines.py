@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from calib.commands.left_out_lines import left_out_lines
 from calib.errors import harmless
 from calib.io.numerals import counted
 from calib.rig.central_rig import CentralRig
@@ -262,8 +263,9 @@ def _rejected_json(view: RejectedView) -> Mapping[str, str]:
 
 
 def _list_rejected(console: Console, rejected: tuple[RejectedView, ...]) -> None:
-    for view in rejected:
-        _print(console, f"Not used: {view.file} of {view.camera}: {view.reason}.")
+    pictures = ((f"{view.file} of {view.camera}", view.reason) for view in rejected)
+    for line in left_out_lines(pictures, "Not used:"):
+        _print(console, line)
 
 
 def _print(console: Console, line: str) -> None:

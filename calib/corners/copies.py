@@ -85,6 +85,10 @@ def join_still_poses(views: Sequence[View]) -> tuple[View, ...]:
     return tuple(joined)
 
 
+MAX_NAMES = 3
+"""Pictures that a sentence names."""
+
+
 def describe_still(views: Sequence[View]) -> tuple[str, ...]:
     """Return a sentence on the views that `join_still_poses` joined, none if there are none."""
     names = {view.name for view in views}
@@ -94,7 +98,7 @@ def describe_still(views: Sequence[View]) -> tuple[str, ...]:
     several = len(joined) > 1
     return (
         f"In {len(joined)} picture{'s' * several} the board stands still where an earlier one"
-        f" shows it ({', '.join(joined[:10])}{' ...' * (len(joined) > 10)}):"
+        f" shows it ({', '.join(joined[:MAX_NAMES])}{', ...' * (len(joined) > MAX_NAMES)}):"
         f" {'they count' if several else 'it counts'} as one view with that.",
     )
 

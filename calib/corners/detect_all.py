@@ -18,12 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners import detect as detector
-from calib.corners.board_size import ShownSize, shown_size
 from calib.corners.detect import eight_bits
 from calib.corners.detection import Detection, NotFound
 from calib.corners.find import CHECKERBOARD_ADVICE, describe_two_boards, find_board
-from calib.corners.other_coding import other_coding
-from calib.corners.unusable_target import why_unusable
+from calib.corners.other_board import SAMPLE_SIZE, describe_larger_board, describe_other_board
 from calib.corners.view import RejectedPicture, View
 from calib.corners.weights import weigh_views
 from calib.errors import InputError, NotEnoughDataError, OtherBoardError
@@ -43,10 +41,6 @@ MIN_VIEWS = 3
 MIN_FRACTION = 0.2
 """Part of the pictures that must show the board. Below it, the board is not the declared one, or
 something is wrong with the pictures.
-"""
-SAMPLE_SIZE = 6
-"""Pictures, spread over the session, that are searched first. If none shows the declared board,
-they are searched for other boards.
 """
 
 
@@ -259,17 +253,8 @@ def _in_threads(
 def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
     """Raise OtherBoardError if the pictures show one board, and it is not the declared one."""
     pictures = [eight_bits(read_grey(path)) for path in paths]
-    if board.coding:
-        if advice := other_coding(pictures, board):
-            raise OtherBoardError(advice)
-        return
-    shown = shown_size(pictures)
-    if shown and {shown.columns, shown.rows} == {board.columns, board.rows}:
-        return
-    if reason := why_unusable(pictures, shown):
-        raise OtherBoardError(f"{reason}.")
-    if shown:
-        raise _other_size(shown, board, f"none of these shows the declared {board}")
+    if sentence := describe_other_board(pictures, board):
+        raise OtherBoardError(sentence)
 
 
 def refuse_larger_board(paths: Sequence[Path], board: Board) -> None:
@@ -279,29 +264,8 @@ def refuse_larger_board(paths: Sequence[Path], board: Board) -> None:
     if board.coding:
         return
     pictures = [eight_bits(read_grey(path)) for path in paths[:SAMPLE_SIZE]]
-    shown = shown_size(pictures)
-    if not shown or {shown.columns, shown.rows} == {board.columns, board.rows}:
-        return
-    longer, shorter = max(board.columns, board.rows), min(board.columns, board.rows)
-    if longer <= shown.columns and shorter <= shown.rows:
-        raise _other_size(
-            shown, board, f"the declared {board} is a part of it, another one in each picture"
-        )
-
-
-def _other_size(shown: ShownSize, board: Board, difference: str) -> OtherBoardError:
-    sizes = {
-        "board.columns": (board.columns, shown.columns),
-        "board.rows": (board.rows, shown.rows),
-    }
-    keys = [f"{key}: {size}" for key, (declared, size) in sizes.items() if size != declared]
-    verb = "show" if len(shown.pictures) > 1 else "shows"
-    return OtherBoardError(
-        f"{counted(len(shown.pictures), 'picture')} {verb} a board of"
-        f" {shown.columns}x{shown.rows} inner corners, and {difference}: write"
-        f" {', '.join(keys)} in session.yaml, or call calib fit with"
-        f" --board {shown.columns}x{shown.rows}."
-    )
+    if sentence := describe_larger_board(pictures, board):
+        raise OtherBoardError(sentence)
 
 
 class _Store:

@@ -14,6 +14,9 @@ from calib.undistortion.window import Window
 LATTICE = 129
 """The number of pixels along each side of the image that sample its edges."""
 
+MIN_BORDER_PX = 0.5
+"""px: a narrower border blackens no pixel."""
+
 
 def crop_window(
     field: RayField, depths: Sequence[float], alpha: float, size: tuple[int, int]
@@ -51,6 +54,24 @@ def crop_window(
     starts = (1 - alpha) * _scale(inner, size) * inner[:2] + alpha * _scale(outer, size) * outer[:2]
     corner = starts * zooms
     return Window(*size, (float(corner[0]), float(corner[1])), (float(zooms[0]), float(zooms[1])))
+
+
+def has_black_border(field: RayField, depth: float) -> bool:
+    """Return True if a part of the picture at the camera's own focal length is black, and a crop of
+    0 leaves that part out.
+
+    Args:
+        field: the camera's rays.
+        depth: m
+    """
+    try:
+        inner = _edges(field, depth, 0)
+    except InputError:  # nothing is seen at this depth
+        return False
+    has_rectangle = bool((inner[:2] < inner[2:]).all())
+    last = np.array([field.width - 1, field.height - 1])
+    is_inside = (inner[:2] > MIN_BORDER_PX).any() or (inner[2:] < last - MIN_BORDER_PX).any()
+    return has_rectangle and bool(is_inside)
 
 
 def _scale(box: Array, size: tuple[int, int]) -> Array:

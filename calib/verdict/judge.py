@@ -18,6 +18,7 @@ from calib.fitting.evaluate import Evaluation
 from calib.io.numerals import counted
 from calib.io.result_names import DIAGNOSED
 from calib.threads import single_thread
+from calib.undistortion.crop import has_black_border
 from calib.verdict.bare_pictures import bare_pictures, rival_lens
 from calib.verdict.board_place import board_place, board_size, cover_size, small_board
 from calib.verdict.case import Case
@@ -119,11 +120,13 @@ def judge(
     with single_thread():
         if broken := tuple(not_finite(case)):  # then no other check is possible
             return Verdict(broken, commands.fit())
-        if not calibration.views:
-            return Verdict(
-                tuple(other_medium(case)),
-                commands.undistort(float(f"{np.median(calibration.corners_at[:, 2]):.2g}")),
-            )
+        has_views = bool(calibration.views)
+        depth = case.main_depth if has_views else _median_depth(calibration)
+        has_border = has_black_border(calibration.ray_field(), depth)
+        commands = replace(commands, black_border=has_border)
+        case = replace(case, next=commands)
+        if not has_views:
+            return Verdict(tuple(other_medium(case)), commands.undistort(depth))
         reasons = _reasons(case)
         if Verdict(reasons, "").next.startswith("calib diagnose "):  # use what it writes
             commands = replace(commands, folder=commands.folder / DIAGNOSED, diagnosable=False)
@@ -139,6 +142,11 @@ def judge(
         notes = (*families, *doubts, *_film_note(case))
         is_tested = calibration.outcome.cross_validation is not None
         return Verdict(reasons, (*uses, *proof)[0], (*proof, *uses), notes, is_tested)
+
+
+def _median_depth(calibration: Calibration) -> float:
+    """Return the median depth of the corners of a calibration without views, m."""
+    return float(f"{np.median(calibration.corners_at[:, 2]):.2g}")
 
 
 def _film_note(case: Case) -> Iterator[str]:

@@ -16,7 +16,6 @@ from calib.io.images import frames_folder
 from calib.io.numerals import depth_text
 from calib.io.output_folder import OutputFolder
 from calib.io.shell import from_here, shell_line, shell_path
-from calib.session.shapes.layer import WATER, medium_word
 from calib.verdict.picture_source import PictureSource, picture_source
 
 HOLDOUT = "HOLDOUT"
@@ -56,8 +55,8 @@ class NextCommands:
     """True if there are enough poses of the board for a diagnosis."""
     held_out: Path | None = None
     """The session's folder of pictures that were kept back; None if it has none."""
-    in_water: bool = False
-    """True if the pictures were taken under water: straight ones have wide black borders."""
+    black_border: bool = False
+    """True if straight pictures for the proposed depth have a black border unless it is cropped."""
     evaluated: bool = False
     """True if the calibration has been evaluated on `held_out`."""
     in_form: bool = False
@@ -90,7 +89,6 @@ class NextCommands:
         places = [place for place in (session, recorded, around) if is_described(place)]
         pictures = map(frames_folder, places)
         command = request.command or CommandOptions()
-        medium = calibration.cover.medium
         return NextCommands(
             session,
             folder or session / "calibration",
@@ -100,7 +98,6 @@ class NextCommands:
             depths=depths or command.depths,
             diagnosable=len(set(pose_labels(calibration.views))) >= MIN_CONFIRMING_VIEWS,
             held_out=held_out_folder(places),
-            in_water=medium is not None and medium_word(medium.value) == WATER,
         )
 
     def fit(self, *options: str) -> str:
@@ -218,7 +215,7 @@ class NextCommands:
         pictures = self.pictures or frames_folder(self.session)
         out = self.folder / "undistorted"
         depth_word = depth_text(depth)
-        crop = ("--crop", "0") if self.in_water else ()
+        crop = ("--crop", "0") if self.black_border else ()
         return shell_line(
             "calib", "undistort", self.folder, pictures, "--depth", depth_word, *crop, "-o", out
         )

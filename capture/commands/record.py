@@ -118,6 +118,7 @@ def _record_session(args: argparse.Namespace) -> None:
     from capture.finders import make_finder
     from capture.interrupt import stop_on_signal
     from capture.narrator import Narrator, SilenceRemarks
+    from capture.other_board_search import OtherBoardSearch
     from capture.reader import Reader
     from capture.recorder import Recorder
     from capture.recording_loop import RecordingPlan, detect_in_pictures, record_views
@@ -143,6 +144,7 @@ def _record_session(args: argparse.Namespace) -> None:
     ):
         if args.bare and (mismatch := describe_mismatch(source_text, covered=False)):
             recorder.remarks.append(mismatch)
+        search = OtherBoardSearch(board)
         narrator = Narrator(reader, recorder, views, json=args.json)
         try:
             if args.all:
@@ -155,11 +157,14 @@ def _record_session(args: argparse.Namespace) -> None:
                     reader, finder, recorder, plan, detect_in_pictures(recorder.pictures, finder)
                 ):
                     narrator.report_step(step)
+                    search.add(step)
         except RefracalError:
             narrator.report_safety()
             raise
     if not narrator.pictures and not stop_request.received:
-        raise NotEnoughDataError(f"No frame of {source_text} was kept: {narrator.sentence}")
+        other_board = search.describe().replace("calib fit", "capture record")
+        reason = other_board or narrator.sentence
+        raise NotEnoughDataError(f"No frame of {source_text} was kept: {reason}")
     ended = (
         "interrupted" if stop_request.received else "views" if narrator.views == views else "source"
     )

@@ -89,6 +89,7 @@ class CaptureApp(App[None]):
                 depth=results.depth,
                 boards=results.boards,
                 doubt=results.doubt,
+                has_black_border=results.has_black_border,
                 was_cancelled=was_cancelled,
             )
         )

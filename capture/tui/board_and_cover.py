@@ -14,7 +14,7 @@ from calib.session.shapes.registry import find_shape, stated_shape_names
 from capture.tui.corrected_fields import label_of
 from capture.tui.form import BOARD, UNKNOWN_KEY, FormTexts
 from capture.tui.page import Field
-from capture.tui.row import NEEDED, Row
+from capture.tui.row import ASSUMED, NEEDED, Row
 
 BOARDS = {
     "checkerboard": {},
@@ -26,12 +26,15 @@ BOARDS = {
 
 
 def _initial_texts(shape: str) -> dict[str, str]:
-    """Return the first texts of a cover's fields."""
-    return {entry.quantity.key: entry.initial for entry in find_shape(shape).keys}
+    """Return the first texts of a cover's fields: who does not know the shape hardly knows a
+    number.
+    """
+    texts = {entry.quantity.key: entry.initial for entry in find_shape(shape).keys}
+    if shape != UNKNOWN:
+        return texts
+    return {key: text or UNKNOWN for key, text in texts.items()}
 
 
-INITIAL_TEXTS = {entry for shape in stated_shape_names() for entry in _initial_texts(shape).items()}
-"""The keys and first texts of the covers of all shapes."""
 OR_UNKNOWN = f", or {UNKNOWN_KEY}"
 NEEDED_OF_COVER = {
     entry.quantity.key
@@ -40,7 +43,10 @@ NEEDED_OF_COVER = {
     if entry.quantity.default is None
 }
 """The keys of covers without a default value."""
-EMPTY_FORM = FormTexts(BOARDS["checkerboard"], "cone", _initial_texts("cone"))
+EMPTY_FORM = FormTexts(BOARDS["checkerboard"], UNKNOWN, _initial_texts(UNKNOWN))
+"""The form before anything is typed. No shape of the cover is usual, so that none is assumed."""
+NOT_CHOSEN = "not chosen"
+"""The word behind the shape of the cover until a person chooses one."""
 
 
 class NumberField(Field):
@@ -71,7 +77,9 @@ class BoardAndCover(Vertical):
         self._typed_cover: dict[str, str] = {}
         """What was typed for covers of any shape: a change of the shape keeps it."""
         self._kind = _choice(label_of("kind"), "kind", BOARD, EMPTY_FORM.kind)
-        self._shape = _choice(label_of("shape"), "shape", stated_shape_names(), EMPTY_FORM.shape)
+        self._shape = _choice(
+            label_of("shape"), "shape", stated_shape_names(), EMPTY_FORM.shape, NOT_CHOSEN
+        )
 
     def compose(self) -> ComposeResult:
         yield self._kind
@@ -127,14 +135,11 @@ class BoardAndCover(Vertical):
             texts = BOARDS[self.kind]
             await self._show_fields("#board", BOARD[self.kind], texts, texts)
         if self._names("#cover") != _keys(self.shape):
-            for field in self.query("#cover Input").results(Input):
-                if field.name and field.value and (field.name, field.value) not in INITIAL_TEXTS:
-                    self._typed_cover[field.name] = field.value
+            for row in self.query("#cover Row").results(Row):
+                if row.field.name and row.field.value and not row.is_assumed:
+                    self._typed_cover[row.field.name] = str(row.field.value)
             initial_texts = _initial_texts(self.shape)
             cover_texts = initial_texts | self._typed_cover
-            if self.shape == UNKNOWN:  # who does not know the shape hardly knows a number
-                needed = NEEDED_OF_COVER.intersection(_keys(self.shape))
-                cover_texts |= {key: UNKNOWN for key in needed if not cover_texts[key]}
             await self._show_fields("#cover", _keys(self.shape), cover_texts, initial_texts)
             self._show_outer(self._outer)
 
@@ -170,11 +175,11 @@ class BoardAndCover(Vertical):
             )
 
 
-def _choice(label: str, key: str, names: Iterable[str], first: str) -> Row:
-    """Return the row of a choice, in which the program assumes the first one."""
+def _choice(label: str, key: str, names: Iterable[str], first: str, note: str = ASSUMED) -> Row:
+    """Return the row of a choice, in which the program assumes the first one, with a note."""
     options = [(name, name) for name in names]
     choice = Select(options, value=first, allow_blank=False, id=key, compact=True)
-    return Row(label, choice, first)
+    return Row(label, choice, first, note)
 
 
 def _keys(shape: str) -> list[str]:

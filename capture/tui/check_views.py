@@ -35,6 +35,8 @@ class CheckViewsScreen(CollectScreen):
         Binding("escape", "back", "Results", key_display="esc"),
     ]
     MAPS: ClassVar = False
+    CORRECT_BOARD: ClassVar = "show the board that was calibrated with"
+    CORRECT_SIZE: ClassVar = "Show the board that was calibrated with: esc for the results."
 
     def __init__(
         self,
@@ -95,6 +97,11 @@ class CheckViewsScreen(CollectScreen):
 
     def next_step_text(self) -> str:
         return "press f to check"
+
+    @property
+    def correction(self) -> tuple[str, str]:
+        """None: the board is that of the calibration."""
+        return "", ""
 
     def calibration(self) -> Path:
         return self._calibration.parent

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from textual import on
+from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal
@@ -23,10 +23,12 @@ from calib.verdict.verdict import Trust
 from capture.coverage import Hint, SessionProgress
 from capture.gate import GOOD_VIEW, HOLD_STILL, KNOWN_VIEW, MOVING, NO_BOARD
 from capture.narrator import silence_sentence
+from capture.other_board_search import OtherBoardSearch
 from capture.recording_loop import Step, refusal_reason
 from capture.sources.registry import is_recorded_source, is_rehearsal
 from capture.tui.camera import Preview, RecordingRun, Task
 from capture.tui.cells import CORNER_MARK, HINT_MARK, Mark
+from capture.tui.corrected_fields import RECORD_ANEW, in_form_words, named_fields
 from capture.tui.farewell import calibration_folder
 from capture.tui.fit import FitScreen
 from capture.tui.fit_requirements import find_missing, no_board_advice
@@ -42,12 +44,13 @@ from capture.tui.watching_page import WatchingPage
 
 RETRY_S = 3.0  # s, after which a failed camera is tried again
 TAKEN_S = 1.5  # s for which a kept view is announced, whatever comes next
-MORE_VIEWS_HELP = "More views would improve the result: name other pictures in the set-up."
-MORE_BARE_VIEWS_HELP = (
-    "More views would improve the lens.",
-    "Enough to go on. More views would improve the lens.",
+FIT_FIRST = "Fit first: the result says whether more views are needed."
+"""The remark on too few views through the cover, where no more come by themselves."""
+BARE_VIEWS_HELP = (
+    f"These are few for a lens, {ENOUGH_BARE_VIEWS} are enough: better first add other pictures.",
+    "These are enough for the lens: go on.",
 )
-"""The remarks below ENOUGH_BARE_VIEWS, and from there on."""
+"""The remarks on the views below ENOUGH_BARE_VIEWS, and from there on."""
 ENOUGH_NOTE = "There are enough views. More do no harm."
 UNNEEDED_ADVICE = KNOWN_VIEW, NO_BOARD, HOLD_STILL, MOVING, GOOD_VIEW
 """The sentences on a frame that ask for one more view, which nobody needs once there are enough."""
@@ -78,8 +81,20 @@ class CollectScreen(WatchingPage, UndistortionPage):
         Binding("ctrl+o", "results", "Results", key_display="^o"),
         DOTS,
         Binding("escape", "back", "Set-up", key_display="esc"),
+        Binding("s", "correct", show=False),
         *HELP_AND_QUIT,
     ]
+
+    CORRECT_BOARD: ClassVar = "esc corrects the board"
+    CORRECT_SIZE: ClassVar = "Press esc to correct it."
+
+    class OtherBoardFound(Message):
+        """The pictures show another board than the declared one."""
+
+        def __init__(self, search: OtherBoardSearch, sentence: str) -> None:
+            super().__init__()
+            self.search = search
+            self.sentence = sentence
 
     class FrameArrived(Message):
         """A frame has arrived."""
@@ -108,8 +123,11 @@ class CollectScreen(WatchingPage, UndistortionPage):
         """The end of the source, if all of its pictures were judged."""
         self._end_pictures: tuple[Path, ...] = ()
         """The pictures of the session at that end."""
-        self.wrong_board = ""
-        """The message for the set-up if the source has ended and no picture showed the board."""
+        self._search = OtherBoardSearch(task.setup[0])
+        self._other_board = ""
+        """The sentence about the board that the pictures show in place of the declared one."""
+        self._has_no_board = False
+        """True if the source has ended and no picture showed the board."""
         self._warned = False
         """True once the screen has said that the views are too few: to press f again is to accept
         that.
@@ -132,7 +150,7 @@ class CollectScreen(WatchingPage, UndistortionPage):
     @property
     def early_actions(self) -> frozenset[str]:
         """A fit of few views can be tried, and is not what to do next."""
-        fewest = ENOUGH_BARE_VIEWS if self.recording else MIN_FIT_VIEWS
+        fewest = ENOUGH_BARE_VIEWS if self.recording or self.plan.bare else MIN_FIT_VIEWS
         has_few = len(self.view_corners) < fewest and not self._enough
         early = {"fit", "cover_on"} if has_few else set()
         if self.MAPS and self.calibration() is not None:
@@ -204,7 +222,9 @@ class CollectScreen(WatchingPage, UndistortionPage):
             self._judged_pictures = self._pictures_with_board = self._taken_pictures = 0
             self._known_views = 0
             self._unused = []
-            self._ending = self.wrong_board = ""
+            self._ending = self._other_board = ""
+            self._has_no_board = False
+            self._search = OtherBoardSearch(self.plan.setup[0])
             self._end = None
             self.refresh_bindings()
 
@@ -230,6 +250,9 @@ class CollectScreen(WatchingPage, UndistortionPage):
 
     def show_step(self, recording: RecordingRun, step: Step) -> None:
         self._judged_pictures += 1
+        self._search.add(step)
+        if self._search.is_full and not self.view_corners:
+            self._search_other_board(self._search)
         self._pictures_with_board += step.detection.corners is not None
         self._corners = (
             step.detection.corners
@@ -288,9 +311,8 @@ class CollectScreen(WatchingPage, UndistortionPage):
             and self._judged_pictures
             and not (self._pictures_with_board or self.view_corners)
         ):
-            self.wrong_board = no_board_advice(
-                self.plan, self._judged_pictures, "correct the board here, or name another source"
-            )
+            self._has_no_board = True
+            self._search_other_board(self._search)
         if message.exhausted:
             self._end = message
             self._end_pictures = self._pictures()
@@ -303,17 +325,48 @@ class CollectScreen(WatchingPage, UndistortionPage):
     def ending_sentence(self, message: WatchingPage.RecordingStopped) -> str:
         if message.retries:
             return f"{message.sentence} It is tried again every 3 s."
-        if self.wrong_board:
-            return no_board_advice(self.plan, self._judged_pictures)
+        if self._other_board:
+            return f"{in_form_words(self._other_board)} {self.CORRECT_SIZE}"
+        if self._has_no_board:
+            return no_board_advice(self.plan.setup[0], self._judged_pictures, self.CORRECT_BOARD)
         next_step_text = ""
         if self.plan.bare and self.view_corners:
             next_step_text = "n, then put the cover on"
         elif not self.plan.bare and len(self.view_corners) >= MIN_FIT_VIEWS:
             next_step_text = self._fit_keys()
+        restart = f"o to {message.restart_text}, esc to name another source"
         if not next_step_text or not message.exhausted:
-            restart = f"o to {message.restart_text}, esc to name another source"
             next_step_text = ", ".join(filter(None, (next_step_text, restart)))
+        elif self.plan.bare and len(self.view_corners) < ENOUGH_BARE_VIEWS:
+            next_step_text = f"esc to name other pictures, or {next_step_text}"
         return f"{message.sentence} Press {next_step_text}.{self._unused_note()}"
+
+    @work(thread=True, exclusive=True, group="other board", description="looks for another board")
+    def _search_other_board(self, search: OtherBoardSearch) -> None:
+        if sentence := search.describe():
+            self.post_message(self.OtherBoardFound(search, sentence))
+
+    @on(OtherBoardFound)
+    def _show_other_board(self, message: OtherBoardFound) -> None:
+        if message.search is not self._search or self._search.is_board_right:
+            return  # of an earlier run, or of pictures before the right board
+        self._other_board = message.sentence
+        if self._end:
+            self._ending = self.ending_sentence(self._end)
+            self._repeat_ending()
+        else:
+            self.say(f"{in_form_words(self._other_board)} {self.CORRECT_SIZE}", REASON_S)
+
+    @property
+    def correction(self) -> tuple[str, str]:
+        """The board, if no picture shows it."""
+        if self._other_board:
+            field = next(iter(named_fields(self._other_board)), "")
+            return field, f"{in_form_words(self._other_board)} {RECORD_ANEW}"
+        if self._has_no_board:
+            where = "correct the board here, or name another source"
+            return "", no_board_advice(self.plan.setup[0], self._judged_pictures, where)
+        return "", ""
 
     def _unused_note(self) -> str:
         """Return a note on the photographs that were not taken; none where the session has the
@@ -347,10 +400,10 @@ class CollectScreen(WatchingPage, UndistortionPage):
             text = ENOUGH_NOTE if is_announced else f"{self._enough_text()} More views do no harm."
         elif self.MAPS and has_ended and self.view_corners:
             text = (
-                MORE_BARE_VIEWS_HELP[len(self.view_corners) >= ENOUGH_BARE_VIEWS]
+                BARE_VIEWS_HELP[len(self.view_corners) >= ENOUGH_BARE_VIEWS]
                 if self.plan.bare
                 else find_missing(self.plan.session)
-                or (self.awaited if progress is None or self.is_improving else MORE_VIEWS_HELP)
+                or (self.awaited if progress is None or self.is_improving else FIT_FIRST)
             )
         line = self.query_one("#next", Line)
         line.set_class(is_enough, Trust.TRUSTED.value)
@@ -452,7 +505,14 @@ class CollectScreen(WatchingPage, UndistortionPage):
         self.stop_recording()
         self.dismiss(True)
 
+    def action_correct(self) -> None:
+        self.stop_recording()
+        super().action_correct()
+
     def action_back(self) -> None:
+        if self.correction[1]:
+            self.action_correct()
+            return
         self.stop_recording()
         self.dismiss(False)
 

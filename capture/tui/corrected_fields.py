@@ -10,7 +10,12 @@ from calib.session.parameter_names import CAMERA, number_of
 from calib.session.shapes.registry import find_shape
 from capture.tui.form import BOARD
 
-LABELS = {"kind": "board type", "shape": "cover shape", "like": "like (optional)"}
+LABELS = {
+    "kind": "board type",
+    "type": "board type",
+    "shape": "cover shape",
+    "like": "like (optional)",
+}
 """The labels of fields that are not called by their keys."""
 KEY = re.compile(r"\b(?:board|cover)\.([a-z_]+)")
 """Matches a key of session.yaml that the form has, as sentences name it."""
@@ -23,7 +28,8 @@ COMMAND = re.compile(r",? or call calib fit with --board [0-9]+x[0-9]+")
 """Matches the command that a sentence proposes beside the keys."""
 
 FIT_ANEW = "Then press ^r to fit again."
-"""The sentence on how to go on from a corrected field."""
+RECORD_ANEW = "Then press ^s to record."
+"""The sentences on how to go on from a corrected field."""
 
 
 def label_of(field: str) -> str:
@@ -79,4 +85,5 @@ def named_fields(sentence: str) -> tuple[str, ...]:
 
 def in_form_words(sentence: str) -> str:
     """Return a sentence about session.yaml in the words of the form."""
-    return KEY.sub(r"\1", FILE.sub(r"\1 the set-up", COMMAND.sub("", sentence)))
+    words = FILE.sub(r"\1 the set-up", COMMAND.sub("", sentence))
+    return KEY.sub(lambda key: label_of(key[1]), words)

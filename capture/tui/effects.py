@@ -10,7 +10,7 @@ from textual.binding import Binding
 from capture.tui.answer_page import SCROLL, AnswerPage
 from capture.tui.child import Event
 from capture.tui.diagnosing import diagnose_calibration
-from capture.tui.page import HELP_AND_QUIT
+from capture.tui.page import HELP_AND_QUIT, SET_UP
 
 
 class EffectsScreen(AnswerPage):
@@ -23,6 +23,7 @@ class EffectsScreen(AnswerPage):
         Binding("enter", "use", "Use them", key_display="enter"),
         Binding("e", "again", "Look again"),
         *SCROLL,
+        SET_UP,
         Binding("escape", "back", "Back", key_display="esc"),
         *HELP_AND_QUIT,
     ]

@@ -11,6 +11,7 @@ from textual import on, work
 from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.events import Key
 from textual.message import Message
 from textual.widgets import Button, Footer, Input, Label, Select, Static
 
@@ -44,7 +45,7 @@ AIR_ADVICE = (
     "These maps are for air. For use under water, choose the form further, then water or sea."
 )
 NO_DEPTH = "Straight pictures are of a depth: name one, in metres."
-EXPORT_DONE = "That is all: esc goes back to the results."
+EXPORT_DONE = "That is all: esc goes back to the results, q quits."
 OVERWRITE_ADVICE = ", or replace what is there with --overwrite"
 """Advice of the command that the screen omits, because it has no such flag."""
 NO_MAP = (
@@ -54,6 +55,18 @@ NO_MAP = (
 
 MAX_NAMES = 6
 """Written files that are named."""
+
+
+class DepthsField(Field):
+    """A field for depths, in which q quits, as on the pages: no depth has that letter."""
+
+    async def on_key(self, event: Key) -> None:
+        if event.character == "q":
+            event.stop()
+            event.prevent_default()
+            await self.run_action("app.quit")
+        else:
+            await super().on_key(event)
 
 
 class ExportScreen(Dialog[str]):
@@ -77,6 +90,7 @@ class ExportScreen(Dialog[str]):
         Binding("ctrl+s", "export", "Export", key_display="^s", priority=True),
         Binding("escape", "back", "Back", key_display="esc"),
         Binding("ctrl+q", "app.quit", "Quit", key_display="^q", priority=True),
+        Binding("q", "app.quit", show=False),  # the field of the folder takes it as a letter
         Binding("pageup", "scroll(-3)", show=False),
         Binding("pagedown", "scroll(3)", show=False),
     ]
@@ -107,11 +121,13 @@ class ExportScreen(Dialog[str]):
         note: str = "",
         in_air: bool = False,
         pictures: Path | None = None,
+        has_black_border: bool = False,
     ) -> None:
         """`depth`, in metres, is proposed; `boards`, in metres, is the range from the nearest to
         the farthest board, if it is known. `note` is shown above the fields. `in_air`: the cover
         has air outside, so that maps for water may be wanted. `pictures` is the folder of the
-        session's pictures.
+        session's pictures. `has_black_border`: straight ones have a black border, which is
+        cropped.
         """
         super().__init__()
         self._note = note
@@ -124,6 +140,7 @@ class ExportScreen(Dialog[str]):
         self._calibration = calibration
         self._folder = session / "export"
         self._pictures = pictures
+        self._crop = ["--crop", "0"] if has_black_border else []
         self._summary = ""
         self.is_invalid = False
         """True if the fields cannot be exported, and the screen says why."""
@@ -132,7 +149,9 @@ class ExportScreen(Dialog[str]):
         with Vertical(id="box"):
             yield Static(ABOUT, markup=False)
             yield Static(harmless(self._note), markup=False)
-            yield _row("depths in metres", Field(f"{self._depth:g}", id="depths", compact=True))
+            yield _row(
+                "depths in metres", DepthsField(f"{self._depth:g}", id="depths", compact=True)
+            )
             forms = [_option(form.name, form.brief or form.summary) for form in FORMATS]
             usual = [form for form in forms if form[1] in USUAL]
             further = [form for form in forms if form[1] not in USUAL]
@@ -231,7 +250,14 @@ class ExportScreen(Dialog[str]):
             # the pictures of every depth have the same names
             command = ["undistort", str(self._calibration), str(self._pictures)]
             commands = [
-                [*command, "-o", str(folder / f"{STRAIGHT}_{depth}m"), "--depth", depth]
+                [
+                    *command,
+                    "-o",
+                    str(folder / f"{STRAIGHT}_{depth}m"),
+                    "--depth",
+                    depth,
+                    *self._crop,
+                ]
                 for depth in depths
             ]
         remarks: list[str] = []
@@ -272,6 +298,8 @@ class ExportScreen(Dialog[str]):
             self.notify(message.sentence, markup=False)
         else:
             done = [EXPORT_DONE] if any(map(is_map, message.written)) else []
+            if done and self.query_one("#folder").has_focus:
+                self.query_one("#export").focus()  # where q is no letter of a folder
             self._say("\n".join([message.sentence, *done, *message.remarks]))
 
     def _say(self, sentence: str, *, tone: str = "") -> None:

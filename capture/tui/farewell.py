@@ -19,7 +19,7 @@ from calib.io.numerals import counted
 from calib.io.result_names import CALIBRATION_ARRAYS, CALIBRATION_FILE
 from calib.io.shell import shell_line
 from calib.session.lens import OPENCV
-from calib.verdict.verdict import Trust
+from calib.verdict.verdict import MAPS_HOLD, Trust
 from capture.session_file import read_calibrated
 
 REPORT = "report.html"
@@ -71,6 +71,7 @@ def farewell_lines(
     boards: tuple[float, float] | None = None,
     doubt: str = "",
     was_cancelled: bool = False,
+    has_black_border: bool = False,
 ) -> Iterator[str]:
     """Yield the lines.
 
@@ -82,6 +83,7 @@ def farewell_lines(
         boards: m, the depths of the nearest and the farthest corners, if they are known.
         doubt: the verdict's sentence, if the calibration is not trusted.
         was_cancelled: True if the last fit was ended before it had a result.
+        has_black_border: true if straight pictures have a black border, which the command crops.
     """
     folder = results.parent if results else calibration_folder(session)
     if folder:
@@ -101,12 +103,16 @@ def farewell_lines(
             yield f"The report is {_printable(report)}"
         maps = maps or files_since(folder / CALIBRATION_FILE, exported)
         yield from _exported_lines(maps)
-        if doubt:
+        if doubt == MAPS_HOLD:  # as after calib fit, the use comes first
+            yield f"{doubt} The report says with which."
+            doubt = ""
+        elif doubt:
             yield f"{doubt} The report says why, and what to do."
             yield f"Next: {shell_command('calib', 'report', folder)}"
         if doubt != Trust.DO_NOT_USE.sentence:
             proposed = propose_depth(folder) if depth is None else depth
-            use = _next_command(session, folder, _supported_depth(maps, boards, proposed))
+            crop = ("--crop", "0") if has_black_border else ()
+            use = _next_command(session, folder, _supported_depth(maps, boards, proposed), *crop)
             yield f"{'Then' if doubt else 'Next'}: {use}"
         return
     bare = _count_images(session / "bare")
@@ -167,7 +173,7 @@ def _supported_depth(
     return next(supported, f"{proposed:g}")
 
 
-def _next_command(session: Path, folder: Path, depth: str) -> str:
+def _next_command(session: Path, folder: Path, depth: str, *options: str) -> str:
     """Return the command that undistorts the session's pictures."""
     return shell_command(
         "calib",
@@ -176,6 +182,7 @@ def _next_command(session: Path, folder: Path, depth: str) -> str:
         frames_folder(session),
         "--depth",
         depth,
+        *options,
         "-o",
         session / "undistorted",
     )

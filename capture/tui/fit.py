@@ -11,7 +11,7 @@ from capture.tui.child import Event
 from capture.tui.corrected_fields import FIT_ANEW, in_form_words, list_labels, named_fields
 from capture.tui.farewell import calibration_folder
 from capture.tui.fitting import fit_session
-from capture.tui.page import HELP_AND_QUIT, CorrectionRequested
+from capture.tui.page import HELP_AND_QUIT, SET_UP
 from capture.tui.results import ResultsScreen
 from capture.tui.working_page import WorkingPage
 
@@ -19,7 +19,7 @@ from capture.tui.working_page import WorkingPage
 class FitScreen(WorkingPage):
     BINDINGS: ClassVar = [
         Binding("f", "again", "Fit again"),
-        Binding("s", "correct", "Set-up"),
+        SET_UP,
         Binding("escape", "back", "Back", key_display="esc"),
         *HELP_AND_QUIT,
     ]
@@ -40,8 +40,10 @@ class FitScreen(WorkingPage):
         self._start_time_ns = 0
         self.was_cancelled = False
         """True if the fit was cancelled before it wrote a result."""
-        self._correction: CorrectionRequested | None = None
-        """What the set-up has to correct, if the fit has failed for that."""
+        self._correction = "", ""
+        """The field of the set-up that has to be corrected, if the fit has failed for that, and
+        the sentence about it.
+        """
 
     def step(self) -> str:
         return "Fit"
@@ -49,29 +51,24 @@ class FitScreen(WorkingPage):
     def action_again(self) -> None:
         self.say("The views are being fitted. The camera rests; esc cancels.")
         self.was_cancelled = False
-        self._correction = None
+        self._correction = "", ""
         self._start_time_ns = self._modification_time_ns()
         self.app.post_message(self.FitStarted(self))  # at once: the next key may end the program
         self.follow(fit_session, self.session, self.session / "calibration")
 
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        if action == "correct":
-            return self._correction is not None
-        return super().check_action(action, parameters)
+    @property
+    def correction(self) -> tuple[str, str]:
+        return self._correction
 
     def show_failure(self, sentence: str, advice: str) -> None:
         """Show why the fit failed, and the field of the set-up that corrects it."""
         fields = named_fields(sentence)
         words = in_form_words(sentence)
         if fields:
-            self._correction = CorrectionRequested(self, fields[0], f"{words} {FIT_ANEW}")
+            self._correction = fields[0], f"{words} {FIT_ANEW}"
             advice = f"Press s to correct {list_labels(fields)} in the set-up, esc to go back."
         self.say(f"{words} {advice}")
         self.refresh_bindings()
-
-    def action_correct(self) -> None:
-        if self._correction:
-            self.post_message(self._correction)
 
     def finished(self, result: Event) -> None:
         self.app.switch_screen(ResultsScreen(self.session, result, self._previous))

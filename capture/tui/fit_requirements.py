@@ -4,17 +4,16 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.io.images import frames_folder, list_images
+from calib.session.board import Board
 from calib.session.session import MIN_FIT_VIEWS, read_session
 from capture.session_file import Setup
-from capture.tui.camera import Task
 
 
-def no_board_advice(task: Task, pictures: int, where: str = "esc corrects the board") -> str:
+def no_board_advice(board: Board, pictures: int, where: str) -> str:
     """Return the advice about a source whose pictures show no board.
 
-    `where` says where to correct a board that no file describes yet.
+    `where` says where to correct it.
     """
-    board, file = task.setup[0], task.session / "session.yaml"
     subject = (
         f"No board of {board} inner corners"
         if board.coding is None
@@ -26,10 +25,7 @@ def no_board_advice(task: Task, pictures: int, where: str = "esc corrects the bo
         else "compare its type, its columns and rows, and its dictionary"
     )
     count_text = f"in any of the {pictures} pictures" if pictures > 1 else "in the picture"
-    return (
-        f"{subject} {count_text}: {hint};"
-        f" {f'correct the board in {file}' if file.exists() else where}."
-    )
+    return f"{subject} {count_text}: {hint}; {where}."
 
 
 def has_bare(session: Path) -> bool:

@@ -64,9 +64,11 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
     from calib.fitting.description import describe
     from calib.fitting.view_noise import describe_noisy_views
     from calib.session.shapes.layer import medium_word
+    from calib.undistortion.crop import has_black_border
     from calib.verdict.judge import judge
     from calib.verdict.uncertainty import reached_depths
     from capture.tui.corrected_fields import suspected_fields
+    from capture.tui.farewell import propose_depth
 
     verdict = judge(calibration, folder=saved.parent, in_form=True)
     observations = calibration.observations
@@ -92,6 +94,8 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
             strict=True,
         )
     ]
+    sigmas = map_sigmas(calibration, reached_depths(calibration))
+    depth = sorted(sigmas)[len(sigmas) // 2] if sigmas else propose_depth(saved.parent)
     return {
         "calibration": str(saved),
         "numbers": describe(calibration).as_json(),
@@ -107,13 +111,12 @@ def results_summary(calibration: "Calibration", saved: Path) -> dict[str, object
         "verdict": {
             "word": verdict.word.value,
             "sentences": verdict.sentences,
+            "maps_hold": verdict.maps_hold,
             "fields": suspected_fields(verdict.to_correct, declared.cover.shape, has_lens=has_lens),
         },
         "notes": verdict.notes,
+        "black_border": has_black_border(calibration.ray_field(), depth),
         "medium": medium_word(medium.value) if medium else "",
         "sides": f"{board.cell}s are {1e3 * board.square:g} mm" if board.has_grid else "",
-        "sigma_px": [
-            {"depth_m": depth, "px": px}
-            for depth, px in map_sigmas(calibration, reached_depths(calibration)).items()
-        ],
+        "sigma_px": [{"depth_m": metres, "px": px} for metres, px in sigmas.items()],
     }

@@ -63,6 +63,7 @@ NUMBERS = ("one", "two", "three")
 ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 
 NO_COVER = "none: there is none, only the lens is calibrated; unknown: the fit finds out."
+CHOOSE_SHAPE = f"Choose the shape of the cover. {NO_COVER}"
 HELP = EXPLANATIONS | {
     "kind": (
         "What is printed on it. charuco, aprilgrid and gridboard have markers, and may reach out of"
@@ -100,6 +101,8 @@ def explain_field(key: str, kind: str, shape: str) -> str:
     }
     words = find_shape(shape).words
     chosen = {"shape": f"The cover in front of the camera: {words}. {NO_COVER}"} if cover else {}
+    if shape == UNKNOWN:
+        chosen = {"shape": CHOOSE_SHAPE}
     return (HELP | board | cover | chosen).get(key, "")
 
 

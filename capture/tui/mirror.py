@@ -198,7 +198,7 @@ def _blocks(widget: Widget) -> Iterator[Block]:
         if isinstance(child, Label):
             label = readable_label(str(child.content).lstrip("✗ "))
             if isinstance(widget, Row) and widget.is_assumed:
-                label += f" ({ASSUMED})"
+                label += f" ({widget.note})"
         elif isinstance(child, CoverageMap) and child.covered is not None:
             yield _map_block(child, child.covered)
         elif isinstance(child, Static):

@@ -28,6 +28,9 @@ HELP_AND_QUIT = (
 )
 """The keys of screens without fields."""
 
+SET_UP = Binding("s", "correct", "Set-up")
+"""The key of every page after the set-up: back to its values."""
+
 TYPING = (
     Binding("enter", "onward", show=False, priority=True),
     Binding("tab", "app.focus_next", "Next field", key_display="tab", priority=True),
@@ -94,8 +97,8 @@ class CorrectionRequested(Message):
     def __init__(self, page: Screen[Any], field: str, sentence: str) -> None:
         """
         Args:
-            field: the name of the field.
-            sentence: what to correct, and how to go on.
+            field: the name of the field; empty for the first value of the board.
+            sentence: what to correct, and how to go on; empty if nothing is known to be wrong.
         """
         super().__init__()
         self.page = page
@@ -138,13 +141,21 @@ class Page(Screen[bool]):
 
     @property
     def finished_actions(self) -> frozenset[str]:
-        """The actions that are possible and not needed any more: another one is the main one."""
-        return frozenset()
+        """The actions that are possible and not needed: another one is the main one."""
+        return frozenset(() if self.correction[0] else ("correct",))
+
+    @property
+    def correction(self) -> tuple[str, str]:
+        """The field of the set-up that the key to it leads to, and the sentence there."""
+        return "", ""
 
     @property
     def switches(self) -> Mapping[str, bool]:
         """The actions that turn something on and off, each with whether it is on."""
         return {}
+
+    def action_correct(self) -> None:
+        self.post_message(CorrectionRequested(self, *self.correction))
 
     def action_help(self) -> None:
         self.app.push_screen(HelpScreen())

@@ -37,7 +37,7 @@ from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import updated_folder
 from capture.tui.numbers import Numbers
-from capture.tui.page import HELP_AND_QUIT, CorrectionRequested, Page
+from capture.tui.page import HELP_AND_QUIT, SET_UP, Page
 from capture.tui.picture import Picture
 from capture.tui.results_text import ResultsText
 
@@ -71,9 +71,11 @@ class ResultsScreen(Page):
         Binding("d", "drop", "Drop"),
         Binding("z", "take_back", "Undo"),
         Binding("f", "refit", "Fit"),
+        Binding("f", "refit_unseen", show=False),
         Binding("e", "effects", "Diagnose"),
         Binding("c", "check", "Check"),
-        Binding("s", "correct", "Set-up"),
+        Binding("c", "check_unseen", show=False),
+        SET_UP,
         Binding("r", "report", "Report"),
         Binding("x", "export", "Export"),
         # shown keys would make the line too long
@@ -100,8 +102,12 @@ class ResultsScreen(Page):
             depth: float,
             boards: tuple[float, float] | None,
             doubt: str,
+            *,
+            has_black_border: bool,
         ) -> None:
             super().__init__()
+            self.has_black_border = has_black_border
+            """True if straight pictures have a black border unless it is cropped."""
             self.calibration = calibration
             self.depth = depth
             """m, the proposed depth of maps."""
@@ -183,9 +189,24 @@ class ResultsScreen(Page):
         """After a view was set aside or taken back, a fit comes first; of a calibration that must
         not be used, the report, which says why.
         """
-        if self._dropped or self._taken_back:
+        if self._has_changed:
             return frozenset({"export"})
         return frozenset({"export", "refit"} if self._text.is_forbidden else ())
+
+    @property
+    def _has_changed(self) -> bool:
+        """True if views were set aside or taken back since the fit."""
+        return bool(self._dropped) or self._taken_back
+
+    @property
+    def _has_aside(self) -> bool:
+        """True if there are views to take back."""
+        return bool(self._dropped or self._dropped_earlier)
+
+    @property
+    def correction(self) -> tuple[str, str]:
+        text = self._text
+        return (text.fields[0], text.correction) if text.fields else ("", "")
 
     def body(self) -> ComposeResult:
         with Horizontal(id="top"):
@@ -213,18 +234,30 @@ class ResultsScreen(Page):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
-        if action in ("correct", "check"):  # who has something to correct has nothing to check yet
-            return bool(self._text.fields) == (action == "correct")
-        if action != "take_back" or self._dropped or self._dropped_earlier:
-            return True
-        return None if self._on_phone else False  # None: off, in its place
+        shown = {
+            "check": not self._text.fields and (self._has_room or not self._has_aside),
+            "refit": self._has_room or self._has_changed,
+            # None: off, in its place
+            "take_back": self._has_aside or (None if self._on_phone else False),
+        }
+        shown["check_unseen"] = not (shown["check"] or self._text.fields)
+        shown["refit_unseen"] = not shown["refit"]
+        return shown.get(action, True)
 
     def on_mount(self) -> None:
         self.query_one(OptionList).focus()
         self.watch(self.app, "on_phone", self._arrange)
         text = self._text
         doubt = "" if text.is_trusted else text.headline
-        self.post_message(self.ResultsOpened(text.calibration, text.depth, text.boards, doubt))
+        self.post_message(
+            self.ResultsOpened(
+                text.calibration,
+                text.depth,
+                text.boards,
+                doubt,
+                has_black_border=text.has_black_border,
+            )
+        )
 
     @on(Resize)
     def _arrange(self) -> None:
@@ -232,6 +265,7 @@ class ResultsScreen(Page):
         scrolls.
         """
         is_roomy = self._has_room
+        self.refresh_bindings()
         numbers = self.query_one(Numbers)
         numbers.lay_out(narrow=not is_roomy)
         numbers.display = is_roomy or self._numbers_wanted
@@ -382,6 +416,14 @@ class ResultsScreen(Page):
     def action_refit(self) -> None:
         self.post_message(self.RefitRequested(self))
 
+    def action_refit_unseen(self) -> None:
+        """Fit anew where the line of keys has no room for it: the views are the same."""
+        self.action_refit()
+
+    def action_check_unseen(self) -> None:
+        """Check where the line of keys has no room for it: views are set aside."""
+        self.action_check()
+
     @on(ScreenResume)
     def _refresh_update(self) -> None:
         """Show the update if a check has just made one."""
@@ -410,6 +452,7 @@ class ResultsScreen(Page):
             note=note,
             in_air=not text.is_forbidden and self.result.get("medium") == AIR,
             pictures=pictures,
+            has_black_border=text.has_black_border,
         )
         self.app.push_screen(screen, lambda wrote: self._say(wrote) if wrote else None)
 
@@ -443,10 +486,6 @@ class ResultsScreen(Page):
         self.post_message(
             self.CheckRequested(self.session, text.calibration, text.depth, text.boards)
         )
-
-    def action_correct(self) -> None:
-        text = self._text
-        self.post_message(CorrectionRequested(self, text.fields[0], text.correction))
 
     def action_effects(self) -> None:
         screen = EffectsScreen(self._text.calibration)

@@ -43,6 +43,11 @@ class ResultsText:
         return propose_depth(self.calibration.parent)
 
     @property
+    def has_black_border(self) -> bool:
+        """True if straight pictures for that depth have a black border unless it is cropped."""
+        return bool(self.result.get("black_border"))
+
+    @property
     def boards(self) -> tuple[float, float] | None:
         """m, the depths of the nearest and the farthest corners, if they are known."""
         depths = [float(entry["depth_m"]) for entry in self.result["sigma_px"]]
@@ -169,6 +174,9 @@ class ResultsText:
         correct = f"s to correct {list_labels(self.fields)} in the set-up, " if self.fields else ""
         if self.is_forbidden:
             return f"Press {correct}r for the report, which says more."
+        if self.result["verdict"].get("maps_hold") and not self.fields:
+            faults = "" if is_faultless else ", e to find faults"
+            return f"Press {exports}, r for the report{faults}."
         faults = "" if is_faultless else "e to find faults, "
         return f"Press {correct}{faults}r for the report, {exports}."
 

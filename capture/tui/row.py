@@ -25,9 +25,22 @@ class Row(Horizontal):
     Row .assumed { width: auto; color: $text-muted; }
     """
 
-    def __init__(self, label: str, field: Input | Select[Any], assumption: str = "") -> None:
-        """`assumption` is the value that the program has put into the field, if it has."""
+    def __init__(
+        self,
+        label: str,
+        field: Input | Select[Any],
+        assumption: str = "",
+        note: str = ASSUMED,
+    ) -> None:
+        """
+        Args:
+            label: the words before the field.
+            field: the field.
+            assumption: the value that the program has put into the field, if it has.
+            note: the words behind the field while it has this value.
+        """
         super().__init__()
+        self.note = note
         self.field = field
         self._label = label
         self._assumption = assumption
@@ -35,7 +48,7 @@ class Row(Horizontal):
     def compose(self) -> ComposeResult:
         yield Label(self._label, id=f"label-{self.field.name or self.field.id}")
         yield self.field
-        yield Static(ASSUMED, classes=ASSUMED, markup=False)
+        yield Static(self.note, classes=ASSUMED, markup=False)
 
     def on_mount(self) -> None:
         self._show_assumption()

@@ -20,6 +20,7 @@ from capture.session_file import board_of, read_setup
 from capture.source_folder import (
     check_source_folder,
     describe_repeat,
+    may_show_cover,
     repeat_sentence,
     select_pictures,
 )
@@ -27,12 +28,12 @@ from capture.sources.registry import full_source, is_recorded_source, open_sourc
 from capture.tui.board_and_cover import EMPTY_FORM, BoardAndCover
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
-from capture.tui.corrected_fields import label_of
+from capture.tui.corrected_fields import in_form_words, label_of
 from capture.tui.draft import Draft, load_draft, save_draft
 from capture.tui.farewell import calibration_folder
 from capture.tui.fit import FitScreen
 from capture.tui.fit_requirements import find_missing
-from capture.tui.form import FormTexts, find_problem, read_form, write_form
+from capture.tui.form import FORM_NAME, FormTexts, find_problem, read_form, write_form
 from capture.tui.lens import ENOUGH_BARE_VIEWS
 from capture.tui.like_field import LikeField
 from capture.tui.opening import OpeningScreen
@@ -42,7 +43,7 @@ from capture.tui.retake import set_bare_aside
 from capture.tui.row import Row
 from capture.tui.session_edit import write_edits
 from capture.tui.session_state import count_pictures, describe_session, has_session_file
-from capture.tui.setup_texts import OPEN_LIST, cover_on_text, help_for
+from capture.tui.setup_texts import OPEN_LIST, VALUES, VALUES_AND_FIT, cover_on_text, help_for
 from capture.tui.source import SourceField
 from capture.tui.start_warnings import find_warnings
 
@@ -81,11 +82,9 @@ class SetupScreen(Page):
         self._phase = PhaseField()
         self._cover_is_on = False
         """True if the person says that the cover is on now."""
-        self._wrong_board = ""
-        """The message about a source without such a board."""
         self._correction: tuple[str, str] | None = None
-        """The name of the field that a result or a failed fit wants corrected, and the sentence
-        about it.
+        """The name of the field that a later page wants corrected, and the sentence about it; both
+        empty if the person just wants to see the values.
         """
         self._accepted: set[tuple[str, str]] = set()
         """The warnings that were shown before a start: to start again is to accept them."""
@@ -174,9 +173,6 @@ class SetupScreen(Page):
         if self._correction:
             self._focus_correction(*self._correction)
             self._correction = None
-        elif self._wrong_board and not is_described:
-            self._focus_error(self._form.first, self._wrong_board)
-            self._wrong_board = ""
         elif (
             is_described
             and self._last_source
@@ -187,10 +183,21 @@ class SetupScreen(Page):
             source.focus().action_select_all()  # typed text replaces it
 
     def correct(self, field: str, sentence: str) -> None:
-        """Show this sentence at a field once the screen is in front again."""
+        """Show this sentence at a field once the screen is in front again.
+
+        Args:
+            field: its name; empty for the first value of the board.
+            sentence: empty for one on how to go on.
+        """
         self._correction = field, sentence
+        self._cover_is_on = False
 
     def _focus_correction(self, name: str, sentence: str) -> None:
+        if not name:
+            value = self._source.field if self._form.first.disabled else self._form.first
+            can_fit = self.check_action("fit", ())
+            self._focus_error(value, sentence or (VALUES_AND_FIT if can_fit else VALUES))
+            return
         fields = self.query("Input, Select").results(Widget)
         wanted = (field for field in fields if name in (field.name, field.id))
         field = next((field for field in wanted if not field.disabled), self._source.field)
@@ -247,7 +254,13 @@ class SetupScreen(Page):
         if self._cover_is_on:
             self._phase.bare = False
         else:
-            self._phase.propose(self._bare_is_missing())
+            shows_cover = may_show_cover(self._source.field.value)
+            self._phase.propose(self._bare_is_missing() and not shows_cover)
+
+    def _is_phase_guessed(self) -> bool:
+        """Return True if the program has chosen the phase by the source alone."""
+        is_given = self._cover_is_on or self._phase.choice is not None
+        return not is_given and self._bare_is_missing()
 
     def _bare_is_missing(self) -> bool:
         if self._form.shape == "none" or (self._like.setup and self._like.setup[1].intrinsics):
@@ -257,6 +270,8 @@ class SetupScreen(Page):
     @on(Input.Changed)
     async def _check(self, event: Input.Changed) -> None:
         self._keep()
+        if event.input is self._source.field:
+            self._propose()
         await self._mark(event.input)
 
     async def _mark(self, field: Input) -> None:
@@ -306,7 +321,9 @@ class SetupScreen(Page):
         """Explain the field and its error; nothing about another field stays."""
         widget = event.widget
         key = widget.id or widget.name or ""
-        if not key:  # the list of a choice has no key: its hint stays
+        # the list of a choice has no key: its hint stays. A field deep in the form may report its
+        # focus after the next field has it
+        if not key or not widget.has_focus:
             return
         self._show_help(key, OPEN_LIST if isinstance(widget, Select) else "")
         problem = (
@@ -345,7 +362,7 @@ class SetupScreen(Page):
         if repeat := await to_thread(self._describe_repeat, task):
             self._focus_error(self._source.field, repeat)
             return
-        for sentence, field in find_warnings(task):
+        for sentence, field in find_warnings(task, is_guessed=self._is_phase_guessed()):
             if (sentence, task.source) not in self._accepted:
                 self._accepted.add((sentence, task.source))
                 self._focus_error(self.query_one(f"#{field}"), sentence)
@@ -357,7 +374,8 @@ class SetupScreen(Page):
         ):  # and the same key has not started it already
             screen = CollectScreen(task)
             self.app.push_screen(
-                screen, lambda covered: self._return_from_recording(screen, covered=bool(covered))
+                screen,
+                lambda covered: self._return_from_recording(task, covered=bool(covered)),
             )
 
     def _describe_repeat(self, task: Task) -> str:
@@ -413,12 +431,10 @@ class SetupScreen(Page):
             self._refusal = sentence
             field.focus()
 
-    def _return_from_recording(self, screen: CollectScreen, *, covered: bool) -> None:
-        """Return from a recording: without the cover, perhaps to go on through it; or from a source
-        without such a board.
-        """
-        self._cover_is_on, self._wrong_board = covered, screen.wrong_board
-        if screen.plan.bare and not covered:
+    def _return_from_recording(self, task: Task, *, covered: bool) -> None:
+        """Return from a recording: without the cover, perhaps to go on through it."""
+        self._cover_is_on = covered
+        if task.bare and not covered:
             self._phase.restore(bare=True)
 
     def _read(self) -> Task:
@@ -439,4 +455,7 @@ class SetupScreen(Page):
         return replace(task, source=folder_source)
 
     def _show_problem(self, sentence: str) -> None:
-        self.query_one("#problem", Static).update(sentence)
+        """Show a sentence; one about the form without the form's name, and in its words."""
+        about_form = sentence.removeprefix(f"{FORM_NAME}: ")
+        words = sentence if about_form == sentence else in_form_words(about_form)
+        self.query_one("#problem", Static).update(words)

@@ -22,6 +22,8 @@ PHASE = (
     "First without the cover, for the lens; then through it, with the same focus. If it stays on:"
     " through it alone."
 )
+VALUES = "The values are here: change what is wrong. Then ^s goes on."
+VALUES_AND_FIT = "The values are here: change what is wrong. Then ^r fits again, ^s records."
 OPEN_LIST = " enter opens the list, tab goes on."
 COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone."
 SAME_CAMERA = "Then press ^s."

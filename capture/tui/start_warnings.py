@@ -8,16 +8,25 @@ from capture.coverage import SessionProgress
 from capture.source_folder import describe_mismatch, is_kind_unknown
 from capture.tui.camera import Task
 
-COVER_IS_OFF = (
+SHOW_NO_COVER = (
     "Were these pictures taken without the cover? If so, start once more. If not, set record now to"
     " through the cover."
 )
+SHOW_COVER = (
+    "Were these pictures taken through the cover? If so, start once more. If not, set record now to"
+    " without the cover."
+)
 
 
-def find_warnings(task: Task) -> Iterator[tuple[str, str]]:
-    """Yield the warnings, each with the field that it concerns."""
-    if task.bare and task.setup[2].shape != "none" and is_kind_unknown(task.source):
-        yield COVER_IS_OFF, "phase"
+def find_warnings(task: Task, *, is_guessed: bool) -> Iterator[tuple[str, str]]:
+    """Yield the warnings, each with the field that it concerns.
+
+    Args:
+        is_guessed: true if the program has chosen the recorded phase by the source alone.
+    """
+    has_cover = task.setup[2].shape != "none"
+    if is_guessed and has_cover and is_kind_unknown(task.source):
+        yield (SHOW_NO_COVER if task.bare else SHOW_COVER), "phase"
     if mismatch := describe_mismatch(task.source, covered=task.covered):
         other_phase = "without the cover" if task.covered else "through the cover"
         yield (

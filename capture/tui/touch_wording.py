@@ -5,6 +5,9 @@ to fit" where f's button has that label.
 import re
 from collections.abc import Mapping
 
+from calib.session.shapes.registry import find_shape, stated_shape_names
+from capture.tui.form import BOARD
+
 ARTICLES = "a", "i"
 """Keys that are words as well: they count as keys only after "press"."""
 BEFORE_KEY = r"^|, | or | then | where |; |: |\. "
@@ -33,6 +36,19 @@ LABELS = {
 }
 """The labels of fields that say more than their names in sentences."""
 
+LONG_KEYS = sorted(
+    {key for keys in BOARD.values() for key in keys if "_" in key}
+    | {
+        dimension.quantity.key
+        for shape in stated_shape_names()
+        for dimension in find_shape(shape).keys
+        if "_" in dimension.quantity.key
+    }
+)
+"""The keys of the form that no sentence has as a word."""
+KEY = re.compile(rf"\b(?:board|cover)\.([a-z_]+)|\b({'|'.join(LONG_KEYS)})\b")
+"""Matches a key of session.yaml, with its section or without."""
+
 
 def name_buttons(text: str, labels: Mapping[str, str]) -> str:
     """
@@ -48,7 +64,7 @@ def name_buttons(text: str, labels: Mapping[str, str]) -> str:
     text = text.replace("The set-up: ", "")
     text = re.sub(r"^source (?=is )", f"{readable_key('source')!r} ", text)
     text = re.sub(r"\b(in|correct) session\.yaml", r"\1 the Set-up", text)
-    text = re.sub(r"\b(?:board|cover)\.([a-z_]+)", lambda match: readable_key(match[1]), text)
+    text = KEY.sub(lambda match: readable_key(match[1] or match[2]), text)
     pressed = re.sub(
         rf"\b(P|p)ress ({_alternatives(labels)})(?!\w)",
         lambda match: f"{_touch_verb(match[1])} {labels[match[2]]}",

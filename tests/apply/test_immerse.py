@@ -426,6 +426,23 @@ def test_the_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "calib check --update" in answer
 
 
+@pytest.mark.parametrize(
+    ("words", "sigma"),
+    [
+        (["--outside-index", "1.333"], 0.004),
+        (["--outside-index", "1.333+-0.002"], 0.002),
+        (["--outside-index", "1.333", "--index-sigma", "0.003"], 0.003),
+        (["--outside-index", "1"], 0.0),
+        (["--salinity", "35"], 0.001),
+    ],
+)
+def test_a_plain_index_of_water_is_known_as_in_a_fit(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], sigma: float
+) -> None:
+    assert main(["immerse", str(saved), *words, "--json", "-o", str(tmp_path / "wet")]) == 0
+    assert json.loads(capsys.readouterr().out)["outside_index"]["sigma"] == sigma
+
+
 def test_the_command_prints_sentences_for_people(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -474,6 +491,11 @@ def test_the_command_prints_sentences_for_people(
             "--outside-index already fixes the index",
         ),
         (["--outside-index", "0.9"], "write a number from 1 to 2"),
+        (["--outside-index", "1.34+-0.2"], "write a number from 0 to 0.1"),
+        (
+            ["--outside-index", "1.34+-0.01", "--index-sigma", "0.1"],
+            "--outside-index already has a sigma",
+        ),
         (["--salinity", "nan"], "write a number from 0 to 35"),
         (["--temperature", "40"], "write a number from 0 to 30"),
         (["--wavelength", "0.55"], "write a number from 400 to 700"),

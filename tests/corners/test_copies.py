@@ -69,7 +69,7 @@ def test_a_board_that_stands_still_is_one_pose(noise: float) -> None:
     assert pose_labels(joined).tolist() == [0, 1, 2, 3] * 3
     (sentence,) = describe_still(joined)
     assert "In 8 pictures the board stands still" in sentence
-    assert "(01, 11, 21, 31, 02, 12, 22, 32): they count as one view" in sentence
+    assert "(01, 11, 21, ...): they count as one view" in sentence
 
 
 @pytest.mark.parametrize("shift", [1.0, 2.0, 50.0])

@@ -15,6 +15,7 @@ from calib.fit_record.history import DiagnosisRecord, History
 from calib.fit_record.request import CommandOptions, Provenance, Settings
 from calib.importing.session_draft import COVER
 from calib.io.output_folder import OutputFolder
+from calib.undistortion.crop import has_black_border
 from calib.verdict import picture_source as module
 from calib.verdict.case import Case
 from calib.verdict.judge import judge
@@ -110,6 +111,19 @@ def test_pictures_beside_a_result_are_not_those_of_a_session_that_is_gone(
     assert commands.pictures is None
     (tmp_path / "session.yaml").touch()
     assert NextCommands.of(calibration, tmp_path / "diagnosed", None, ()).pictures == tmp_path
+
+
+def test_the_black_border_of_a_straight_picture_is_cropped(
+    good: Calibration, tmp_path: Path
+) -> None:
+    session, out = tmp_path / "s", tmp_path / "s" / "calibration"
+    (session / "frames").mkdir(parents=True)
+    (session / "session.yaml").touch()
+    straight = judge(good, folder=out, session=session).next
+    depth = float(straight.partition("--depth ")[2].partition(" ")[0])
+    assert has_black_border(good.ray_field(), depth)
+    assert " --crop 0 -o " in straight
+    assert " --crop " not in NextCommands.of(good, out, session, ()).undistort(depth)
 
 
 def test_views_that_the_session_keeps_back_are_evaluated(good: Calibration, tmp_path: Path) -> None:

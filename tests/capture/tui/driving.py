@@ -10,12 +10,15 @@ from typing import Any
 from textual._context import visible_screen_stack
 from textual.events import Key
 from textual.pilot import Pilot
+from textual.widgets import Select
 
 from capture.tui.app import CaptureApp
 from capture.tui.collect import CollectScreen
 
 HANGS_S = 900.0
-"""The time in s after which a test gives up, however busy the machine is."""
+"""The time in s after which a test gives up on work that goes on, however busy the machine is."""
+IDLE_POLLS = 20
+"""The looks at an idle app after which a test gives up: nothing can change its screen any more."""
 SIZES = ((80, 24), (120, 40))
 CONE = ("41.95", "-0.105", "0, -30", "0, 0", "3", "1.5", "1")
 """The fixtures' cover, in the order of the form."""
@@ -68,13 +71,31 @@ def sentences_of(pilot: Pilot[None]) -> list[str]:
 async def until(pilot: Pilot[None], holds: Callable[[], bool]) -> None:
     """Wait until a condition holds. It is checked again after a twentieth of the time waited so
     far, because a process that fits needs the processor more.
+
+    AssertionError, with the screen: the app is idle, and the condition does not hold.
     """
     start_s = time.monotonic()
+    idle_polls = 0
     while not holds():
         waited = time.monotonic() - start_s
+        idle_polls = idle_polls + 1 if is_idle(pilot) else 0
+        assert idle_polls < IDLE_POLLS, f"nothing goes on, and it never came:\n{shown(pilot)}"
         assert waited < HANGS_S, f"it never came:\n{shown(pilot)}"
         await pilot.pause(min(0.02 + waited / 20, 0.2))
     await pilot.pause()
+
+
+def is_idle(pilot: Pilot[None]) -> bool:
+    """Return True if no worker runs and no timer waits for its only event. Messages on their way
+    arrive during the next looks.
+    """
+    app = pilot.app
+    if not all(worker.is_finished for worker in app.workers):
+        return False
+    nodes = [app, *(node for page in app.screen_stack for node in page.walk_children())]
+    nodes += app.screen_stack
+    timers = (timer for node in nodes for timer in node._timers if timer._repeat is not None)
+    return all(timer._task is None or timer._task.done() for timer in timers)
 
 
 async def write(pilot: Pilot[None], text: str) -> None:
@@ -92,9 +113,23 @@ async def describe(pilot: Pilot[None], source: str) -> None:
     await pilot.press("tab")  # the board is a checkerboard
     for text in ("9", "9", "20"):
         await write(pilot, text)
-    await pilot.press("tab")  # the shape is a cone
+    await pilot.press("enter", "c", "enter", "tab")  # the shape is a cone
     for text in CONE:
         await write(pilot, text)
+
+
+async def start_through_cover(pilot: Pilot[None]) -> None:
+    """Choose to record through the cover, and start."""
+    pilot.app.screen.query_one("#phase", Select).value = "covered"
+    await see(pilot, "record now through the cover")
+    await pilot.press("ctrl+s")
+
+
+async def confirm_cover(pilot: Pilot[None]) -> None:
+    """Start, and confirm that the pictures were taken through the cover."""
+    await pilot.press("ctrl+s")
+    await see(pilot, "Were these pictures taken through the cover? If so, start once more.")
+    await pilot.press("ctrl+s")
 
 
 def burst(pilot: Pilot[None], *texts: str) -> None:

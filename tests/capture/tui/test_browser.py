@@ -50,6 +50,10 @@ async def _from_nothing(address: str, session: Path, size: tuple[int, int], fold
         await browser.press("Tab", "Tab")
         for text in ("9", "9", "20"):
             await browser.write(text)
+        await browser.press("Enter")
+        await browser.see("cylinder")
+        await browser.press("c", "Enter")  # the shape is a cone
+        await browser.see("inner_radius_mm")
         await browser.press("Tab")
         for text in CONE:
             await browser.write(text)

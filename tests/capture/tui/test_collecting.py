@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from textual.pilot import Pilot
+from textual.widgets import Input, Select
 
 from capture.frames import Frame
 from capture.gate import KNOWN_VIEW, MOTION_BLUR, FrameDecision
@@ -28,12 +29,14 @@ from capture.tui.undistortion_page import UndistortionPage
 from tests.capture.recordings import noise, write_recording
 from tests.capture.tui.driving import (
     burst,
+    confirm_cover,
     drive,
     running,
     see,
     sentences_of,
     shown,
     until,
+    write,
 )
 from tests.capture.tui.test_session import FIXTURE
 
@@ -78,6 +81,29 @@ async def _without(session: Path, empty: Path) -> None:
         assert pilot.app.focused.name == "columns"
 
 
+def test_another_board_in_the_pictures_is_proposed_as_by_the_fit(tmp_path: Path) -> None:
+    """The pictures show 9x9 corners, and 9x8 are declared."""
+    drive(_other_board(tmp_path / "session"))
+
+
+async def _other_board(session: Path) -> None:
+    words = "a board of 9x9 inner corners, and none of these shows the declared 9x8: write rows: 9"
+    async with running(session, f"folder:{FIXTURE / 'bare'}") as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, "<enter>", str(FIXTURE))
+        await see(pilot, "41.95")
+        rows = next(f for f in pilot.app.screen.query(Input) if f.name == "rows")
+        rows.value = "8"
+        await pilot.press("ctrl+s")
+        await see(pilot, f"{words} in the set-up. Press esc to correct it.")
+        await pilot.press("escape")
+        await see(pilot, f"{words} in the set-up. Then press ^s to record.")
+        await until(pilot, lambda: rows.has_focus)
+        await write(pilot, "9")
+        await pilot.press("ctrl+s")
+        await see(pilot, "12 views")
+
+
 def test_the_chosen_phase_is_kept(tmp_path: Path, empty: Path) -> None:
     drive(_chosen(tmp_path / "session", empty))
 
@@ -88,9 +114,13 @@ async def _chosen(session: Path, empty: Path) -> None:
         await see(pilot, "a new session")
         burst(pilot, "<enter>", str(FIXTURE))
         await see(pilot, "41.95")
-        await see(pilot, "record now without the cover")
+        await see(pilot, "record now through the cover")  # as most pictures that somebody has
         (session / "bare").mkdir(parents=True)  # as a bare step without a view leaves it
-        await pilot.press("shift+tab", "shift+tab", "shift+tab", "enter", "down", "enter", "ctrl+s")
+        pilot.app.screen.query_one("#phase", Select).value = "bare"
+        await see(pilot, "record now without the cover")
+        pilot.app.screen.query_one("#phase", Select).value = "covered"
+        await see(pilot, "record now through the cover")
+        await confirm_cover(pilot)
         await see(pilot, "[THROUGH COVER]")
         await see(pilot, "No board of 9x9")
         await see(pilot, "computed by the fit: the lens")
@@ -339,7 +369,7 @@ def test_the_glass_has_a_map_of_its_own_once_that_is_computed(tmp_path: Path, em
 async def _glass(session: Path, empty: Path) -> None:
     async with running(session, f"folder:{empty}") as pilot:
         await see(pilot, "continued")
-        await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+        await confirm_cover(pilot)
         await see(pilot, "[THROUGH COVER]")
         panel, glass = pilot.app.screen.query_one(Panel), pilot.app.screen.query_one("#glass", Line)
         await until(pilot, lambda: panel.progress is not None)

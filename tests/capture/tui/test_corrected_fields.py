@@ -15,6 +15,7 @@ from capture.tui.corrected_fields import (
     named_fields,
     suspected_fields,
 )
+from capture.tui.effects import EffectsScreen
 from capture.tui.fit import FitScreen
 from capture.tui.mirror import describe_screen
 from capture.tui.results import ResultsScreen
@@ -129,18 +130,33 @@ async def _correct(session: Path) -> None:
         await until(pilot, lambda: isinstance(pilot.app.screen, FitScreen))
 
 
-def test_without_a_field_to_correct_there_is_no_such_key(session: Path) -> None:
-    drive(_nothing(session))
+def test_every_page_leads_back_to_the_values(session: Path) -> None:
+    drive(_back(session))
 
 
-async def _nothing(session: Path) -> None:
+async def _back(session: Path) -> None:
+    """One key leads to the first value of the board, although nothing is known to be wrong."""
     verdict = {**FORBIDDEN, "fields": ()}
-    async with running(session) as pilot:
-        pilot.app.push_screen(ResultsScreen(session, {**RESULT, "verdict": verdict}))
-        await see(pilot, "Press r for the report, which says more.")
-        assert "s Set-up" not in shown(pilot)
+    async with running(session, f"folder:{session / 'frames'}") as pilot:
+        results = ResultsScreen(session, {**RESULT, "verdict": verdict})
+        effects = EffectsScreen(session / "calibration" / "calibration.yaml")
+        effects.action_again = lambda: None  # type: ignore[method-assign]
+        fit = FitScreen(session)
+        fit.action_again = lambda: None  # type: ignore[method-assign]
+        for page in (results, effects, fit):
+            await pilot.app.push_screen(page)
+            await see(pilot, "s Set-up")
+            keys = describe_screen(pilot.app)["keys"]
+            assert isinstance(keys, list)
+            assert "Set-up" not in [key["label"] for key in keys if key["main"]]
+            await pilot.press("s")
+            await see(pilot, "change what is wrong. Then ^r fits again, ^s records.")
+            await until(pilot, lambda: _focused(pilot.app.screen.focused) == "columns")
+        await pilot.press("ctrl+s")
+        await see(pilot, "[THROUGH COVER]")
         await pilot.press("s")
-        assert isinstance(pilot.app.screen, ResultsScreen)
+        await see(pilot, "change what is wrong. Then ^r fits again, ^s records.")
+        await until(pilot, lambda: _focused(pilot.app.screen.focused) == "columns")
 
 
 def test_a_failed_fit_leads_to_the_field(session: Path) -> None:

@@ -11,7 +11,7 @@ from threading import Event
 
 import pytest
 from textual.pilot import Pilot
-from textual.widgets import Select
+from textual.widgets import Input, Select
 
 from calib.export.formats import BRIEF, FORMATS
 from capture.tui.command import CommandResult, calib
@@ -60,6 +60,44 @@ async def _leave(session: Path, leave: Event) -> None:
         leave.set()
         await see(pilot, "Wrote map_1m.npz")
         assert f"Exported {session / 'export' / 'map_1m.npz'}" in pilot.app.farewell  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("place", ["depths", "form", "export"])
+def test_q_quits_as_on_the_pages(place: str, tmp_path: Path) -> None:
+    drive(_quit(tmp_path, place))
+
+
+async def _quit(session: Path, place: str) -> None:
+    async with running(session) as pilot:
+        pilot.app.push_screen(ExportScreen(session, session / "calibration", 1.0))
+        await see(pilot, "depths in metres")
+        pilot.app.screen.query_one(f"#{place}").focus()
+        await pilot.press("q")
+        await until(pilot, lambda: not pilot.app.is_running)
+
+
+def test_q_is_a_letter_of_a_folder_until_the_maps_are_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write_map(_: Sequence[str]) -> CommandResult:
+        return CommandResult(0, f"{tmp_path / 'q' / 'map_1m.npz'}\n", "", ())
+
+    monkeypatch.setattr("capture.tui.export.calib", write_map)
+    drive(_quit_at_end(tmp_path))
+
+
+async def _quit_at_end(session: Path) -> None:
+    async with running(session, size=(120, 40)) as pilot:
+        pilot.app.push_screen(ExportScreen(session, session / "calibration", 1.0))
+        await see(pilot, "depths in metres")
+        folder = pilot.app.screen.query_one("#folder", Input)
+        folder.value = ""
+        folder.focus()
+        await pilot.press("q", "ctrl+s")
+        assert folder.value == "q"
+        await see(pilot, "That is all: esc goes back to the results, q quits.")
+        await pilot.press("q")
+        await until(pilot, lambda: not pilot.app.is_running)
 
 
 @pytest.mark.parametrize(
@@ -298,6 +336,35 @@ def test_the_remarks_of_the_command_are_shown_and_its_bars_are_not(
     result = calib([])
     assert result.remarks == list(NOTES)
     assert result.sentence == ("no space." if code else "")
+
+
+@pytest.mark.parametrize("has_border", [True, False])
+def test_the_black_border_of_straight_pictures_is_cropped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_border: bool
+) -> None:
+    (tmp_path / "frames").mkdir()
+    calls: list[Sequence[str]] = []
+
+    def write_pictures(arguments: Sequence[str]) -> CommandResult:
+        calls.append(arguments)
+        return CommandResult(0, f"{tmp_path / '0.png'}\n", "", ())
+
+    monkeypatch.setattr("capture.tui.export.calib", write_pictures)
+    drive(_write_straight(tmp_path, has_border))
+    assert [" ".join(words).endswith("--depth 1 --crop 0") for words in calls] == [has_border]
+
+
+async def _write_straight(session: Path, has_border: bool) -> None:
+    frames = session / "frames"
+    async with running(session) as pilot:
+        screen = ExportScreen(
+            session, session / "calibration", 1.0, pictures=frames, has_black_border=has_border
+        )
+        pilot.app.push_screen(screen)
+        await see(pilot, "depths in metres")
+        screen.query_one("#form", Select).value = STRAIGHT
+        await pilot.press("ctrl+s")
+        await see(pilot, "Wrote 1 straight picture")
 
 
 @pytest.mark.parametrize("form", ["npz", STRAIGHT])

@@ -10,6 +10,7 @@ import pytest
 from calib import Calibration
 from calib.cli import main
 from calib.verdict.uncertainty import reached_depths
+from calib.verdict.verdict import MAPS_HOLD
 from capture.tui.farewell import DEPTH, farewell_lines, propose_depth
 from tests.capture.tui.test_session import FIXTURE
 
@@ -85,6 +86,21 @@ def test_the_farewell_of_a_doubtful_calibration_names_the_report(tmp_path: Path)
     assert then.startswith(
         f"Then: calib undistort {shown.parent} {tmp_path / 's' / 'frames'} --depth 1"
     )
+
+
+def test_maps_that_hold_are_used_next_as_after_a_fit(tmp_path: Path) -> None:
+    shown = tmp_path / "s" / "calibration" / "calibration.yaml"
+    *_, why, following = farewell_lines(tmp_path, shown, [], depth=0.5, doubt=MAPS_HOLD)
+    assert why == f"{MAPS_HOLD} The report says with which."
+    assert following.startswith("Next: calib undistort ")
+
+
+@pytest.mark.parametrize("has_border", [True, False])
+def test_the_farewell_crops_a_black_border(tmp_path: Path, has_border: bool) -> None:
+    shown = tmp_path / "s" / "calibration" / "calibration.yaml"
+    *_, following = farewell_lines(tmp_path, shown, [], depth=0.5, has_black_border=has_border)
+    assert following.startswith("Next: calib undistort ")
+    assert (" --depth 0.5 --crop 0 -o " in following) == has_border
 
 
 def test_the_farewell_proposes_a_depth_that_the_boards_support(tmp_path: Path) -> None:

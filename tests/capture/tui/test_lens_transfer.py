@@ -12,7 +12,7 @@ from calib.errors import InputError
 from capture.session_file import read_calibrated, read_setup
 from capture.tui.lens_transfer import read_lens, write_lens
 from capture.tui.session_state import describe_session
-from tests.capture.tui.driving import describe, drive, running, see, until, write
+from tests.capture.tui.driving import confirm_cover, describe, drive, running, see, until, write
 from tests.capture.tui.test_session import FIXTURE
 
 KNOWN = FIXTURE.parent / "tilted"
@@ -46,7 +46,7 @@ async def _lent(session: Path, source: str) -> None:
         await see(pilot, "a new session")
         await describe(pilot, source)
         like = pilot.app.screen.query_one("#like", Input)
-        await pilot.press("down", "down", "enter", "ctrl+s")
+        await confirm_cover(pilot)
         await see(pilot, "2 views")
         await pilot.press("escape")
         await see(pilot, "continued")
@@ -79,7 +79,7 @@ async def _unknown(session: Path, source: str) -> None:
     async with running(session, source) as pilot:
         await see(pilot, "a new session")
         await describe(pilot, source)
-        await pilot.press("down", "down", "enter", "ctrl+s")
+        await confirm_cover(pilot)
         await see(pilot, "12 views")
         await see(pilot, "f to fit")
         await pilot.press("f")

@@ -331,6 +331,7 @@ async def _both_phases(address: str, size: tuple[int, int], source: Path, folder
         await _keep(phone, "list", size)
         await phone.fill("source", f"folder:{source}")
         await phone.until(f"{OPTIONS}.hidden")  # somebody has gone on
+        await phone.choose("shape", "cone")
         for name, text in (("columns", "9"), ("rows", "9"), ("square_mm", "0.02")):
             await phone.fill(name, text)
         modes = "['columns', 'square_mm', 'source'].map((name) => document.getElementById(`field-${name}`).inputMode).join()"  # noqa: E501
@@ -349,7 +350,7 @@ async def _both_phases(address: str, size: tuple[int, int], source: Path, folder
         await phone.press("ctrl+s")  # with the keyboard still open
         await phone.resize(size)
         await phone.see("Without cover")
-        await phone.see("Touch Cover on, then put the cover on.")
+        await phone.see("or Cover on, then put the cover on.")
         for script in (CALL.format("verdict"), BUTTON.format("n"), LIVE):
             await phone.until(VISIBLE % script)
         await _keep(phone, "phase-bare", size)

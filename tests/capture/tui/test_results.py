@@ -20,6 +20,7 @@ from capture.tui.fit import FitScreen
 from capture.tui.help import HelpScreen
 from capture.tui.mirror import describe_screen
 from capture.tui.results import ResultsScreen
+from capture.tui.results_text import ResultsText
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 from tests.capture.tui.test_snapshots import RESULT
@@ -438,3 +439,13 @@ async def _note(session: Path) -> None:
         result = {**RESULT, "notes": ("these views do not tell lens from focal.",)}
         pilot.app.push_screen(ResultsScreen(session, result, BEFORE))
         await see(pilot, "Note: these views do not tell lens from focal.")
+
+
+def test_maps_that_hold_are_used_before_faults_are_looked_for() -> None:
+    sentences = ["You can use the maps. Take care with the numbers.", "A reason."]
+    doubtful = {"word": "care", "sentences": sentences, "maps_hold": False}
+    words = ResultsText({**RESULT, "verdict": doubtful}, None).next_steps(is_faultless=False)
+    assert words == "Press e to find faults, r for the report, x for maps and straight pictures."
+    held = {**doubtful, "maps_hold": True}
+    words = ResultsText({**RESULT, "verdict": held}, None).next_steps(is_faultless=False)
+    assert words == "Press x for maps and straight pictures, r for the report, e to find faults."

@@ -9,7 +9,17 @@ from textual.widgets import OptionList
 
 from calib.io.frames_table import read_table
 from calib.session.session import read_session
-from tests.capture.tui.driving import SIZES, describe, drive, running, see, shown, until, write
+from tests.capture.tui.driving import (
+    SIZES,
+    describe,
+    drive,
+    running,
+    see,
+    shown,
+    start_through_cover,
+    until,
+    write,
+)
 
 FIXTURE = Path(__file__).parents[3] / "fixtures" / "covered-bare"
 
@@ -80,7 +90,7 @@ async def _continue(session: Path) -> None:
         await see(pilot, "continued, 0 views without cover and 3 views through it")
         assert "41.95" in shown(pilot)
         assert "without the cover, into bare/" in shown(pilot)  # the lens is not known yet
-        await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+        await start_through_cover(pilot)
         await see(pilot, "[THROUGH COVER]")
         await see(pilot, "12 views")
     assert sorted(path.name for path in (session / "frames").glob("*.*g"))[:4] == [

@@ -30,6 +30,8 @@ def test_start_waits_for_keys_typed_before_it(brief: Path, tmp_path: Path) -> No
 async def _fast(session: Path, brief: Path) -> None:
     async with running(session, f"folder:{brief / 'bare'}") as pilot:
         await see(pilot, "a new session")
+        pilot.app.screen.query_one("#shape", Select).value = "cone"
+        await see(pilot, "inner_radius_mm")
         fields = [*("9", "9", "20"), *CONE]
         keys = [piece for text in fields for piece in ("<ctrl+u>", "<ctrl+k>", text, "<enter>")]
         burst(pilot, "<enter>", "<enter>", "<tab>", *keys[:12], "<tab>", *keys[12:-1], "<ctrl+s>")
@@ -66,7 +68,12 @@ async def _refused(session: Path, source: str) -> None:
         assert square.has_class("wrong")
         assert radius.has_class("wrong"), "every field that is to be filled in has a mark"
         assert str(pilot.app.screen.query_one("#problem", Static).render())
+        radius.value = "-5"
+        radius.focus()
+        await see(pilot, " inner_radius_mm is -5")
+        assert "cover.inner_radius_mm" not in shown(pilot)
         radius.value = typed
+        square.focus()
         await until(pilot, lambda: not radius.has_class("wrong"))
         await pilot.press("2", "0", "ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
@@ -80,13 +87,18 @@ async def _assumed(session: Path) -> None:
     async with running(session) as pilot:
         await see(pilot, "a new session. Fill in what is needed, check what is assumed.")
         await see(pilot, "source needed")
-        await see(pilot, "cover shape cone ▼ assumed")
+        await see(pilot, "cover shape unknown ▼ not chosen")
+        await see(pilot, "thickness_mm unknown assumed")
+        form = pilot.app.screen
+        form.query_one("#shape", Select).value = "cone"
+        await see(pilot, "cover shape cone ▼")
+        assert "not chosen" not in shown(pilot)
+        await see(pilot, "thickness_mm needed, or ?")
         await see(pilot, "tilt_deg 0, 0 assumed")
         await see(pilot, "refractive_index 1.5 assumed")
         labels = {str(block.get("label")) for block in _page_blocks(pilot.app)}
         assert {"tilt (degrees) (assumed)", "thickness (mm)", "axis offset x, z (mm)"} <= labels
         assert "outside index: 1 in air, 1.333 in water (assumed)" in labels
-        form = pilot.app.screen
         next(f for f in form.query(Input) if f.name == "refractive_index").value = "1.49"
         form.query_one("#shape", Select).value = "dome"
         await see(pilot, "cover shape dome ▼")
@@ -111,6 +123,19 @@ def _page_blocks(app: App[None]) -> list[dict[str, object]]:
     assert isinstance(blocks, list)
     assert ASSUMED not in [block.get("text") for block in blocks]
     return blocks
+
+
+def test_the_hint_is_that_of_the_field_however_fast_it_is_reached(tmp_path: Path) -> None:
+    drive(_hinted(tmp_path / "session"))
+
+
+async def _hinted(session: Path) -> None:
+    async with running(session, "folder:nowhere") as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, *["<tab>"] * 3, "10", "<tab>", "10", "<tab>", "20", "<tab>")
+        await until(pilot, lambda: pilot.app.focused is pilot.app.screen.query_one("#shape"))
+        await see(pilot, "Choose the shape of the cover. none: there is none")
+        await see(pilot, "tab goes on.")
 
 
 def test_letters_do_not_overtake_the_keys_that_edit(tmp_path: Path) -> None:
@@ -164,11 +189,11 @@ async def _fields(session: Path) -> None:
         await pilot.press("tab", "tab", "tab", "tab", "tab", *"0.02")
         await see(pilot, "if metres were meant")
         await pilot.press("tab")
-        await see(pilot, "The cover in front of the camera")
+        await see(pilot, "Choose the shape of the cover")
         assert "if metres were meant" not in " ".join(shown(pilot).split())
         await pilot.press("enter")  # its choices
         await see(pilot, "cylinder")
-        assert "The cover in front of the camera" in shown(pilot)
+        assert "Choose the shape of the cover" in shown(pilot)
         await pilot.press("escape", "shift+tab")
         await see(pilot, "if metres were meant")
 
@@ -186,6 +211,8 @@ def test_a_key_writes_unknown_into_a_field_of_the_cover_alone(tmp_path: Path) ->
 async def _unknown(session: Path) -> None:
     async with running(session) as pilot:
         await see(pilot, "a new session")
+        pilot.app.screen.query_one("#shape", Select).value = "cone"
+        await see(pilot, "axis_offset_mm")
         fields = {field.name: field for field in pilot.app.screen.query(Input)}
         fields["axis_offset_mm"].focus()
         await pilot.press("home", *"0, ", "question_mark")
@@ -209,8 +236,7 @@ async def _reshaped(session: Path) -> None:
         def texts() -> dict[str | None, str]:
             return {field.name: field.value for field in pilot.app.screen.query(Input)}
 
-        shape.value = "unknown"
-        await until(pilot, lambda: texts().get("thickness_mm") == "unknown")
+        assert (shape.value, texts().get("thickness_mm")) == ("unknown", "unknown")
         shape.value = "cone"
         await until(pilot, lambda: "inner_radius_mm" in texts())
         fields = {field.name: field for field in pilot.app.screen.query(Input)}
@@ -222,3 +248,6 @@ async def _reshaped(session: Path) -> None:
         assert texts()["thickness_mm"] == "3"
         assert texts()["inner_radius_mm"] == "40+-5"
         assert texts()["refractive_index"] == "1.5"
+        shape.value = "unknown"
+        await until(pilot, lambda: "centre_mm" not in texts())
+        assert texts()["thickness_mm"] == "3"

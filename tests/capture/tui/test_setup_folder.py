@@ -14,7 +14,7 @@ from calib.cli import main
 from calib.io.images import list_images
 from capture.tui.app import CaptureApp
 from capture.tui.fit import FitScreen
-from tests.capture.tui.driving import drive, running, see, until, write
+from tests.capture.tui.driving import confirm_cover, drive, running, see, until, write
 from tests.capture.tui.test_session import FIXTURE
 
 
@@ -50,7 +50,7 @@ def test_a_fit_of_nothing_is_refused_at_once(
 async def _nothing(session: Path) -> None:
     async with running(session, f"folder:{session / 'camera'}") as pilot:
         await see(pilot, "continued")
-        await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+        await confirm_cover(pilot)
         await see(pilot, "No board of 9x9")
         await pilot.press("f")
         await see(pilot, "There is nothing to fit yet:")
@@ -80,7 +80,7 @@ async def _finished(session: Path) -> None:
             " from 0.4",
         )
         await see(pilot, "if the board's squares are 20 mm.")
-        await see(pilot, "e Diagnose c Check r Report x Export")
+        await see(pilot, "e Diagnose c Check s Set-up r Report x Export")
         await pilot.press("r")
         await see(pilot, "The report is ")
         await until(pilot, (session / "calibration" / "report.html").exists)

@@ -8,9 +8,17 @@ from pathlib import Path
 import pytest
 from textual.widgets import Input, Select
 
-from capture.source_folder import is_kind_unknown
+from capture.source_folder import is_kind_unknown, may_show_cover
 from capture.tui.source import SourceField
-from tests.capture.tui.driving import describe, drive, running, see, shown, until
+from tests.capture.tui.driving import (
+    describe,
+    drive,
+    running,
+    see,
+    shown,
+    start_through_cover,
+    until,
+)
 from tests.capture.tui.test_session import FIXTURE
 
 
@@ -26,7 +34,7 @@ async def _both_halves(session: Path, brief: Path) -> None:
         await see(pilot, "a new session")
         await describe(pilot, f"folder:{brief}?speed=max")
         await pilot.press("ctrl+s")
-        await see(pilot, "no more pictures. Press n, then put the cover on.")
+        await see(pilot, "Press esc to name other pictures, or n, then put the cover on.")
         assert not (session / "frames").exists()
         await pilot.press("n")
         await see(pilot, "pictures through it as well: ^s goes on with those.")
@@ -46,7 +54,7 @@ async def _bare_for_covered(session: Path) -> None:
         await see(pilot, "continued")
         await until(pilot, lambda: pilot.app.screen.query_one(SourceField)._cameras is not None)
         assert "no camera found" not in shown(pilot), "pictures need none"
-        await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+        await start_through_cover(pilot)
         await see(pilot, "has pictures without the cover: name those that were taken through it")
 
 
@@ -98,6 +106,8 @@ async def _doubted(session: Path) -> None:
     async with running(session) as pilot:
         await see(pilot, "a new session")
         await describe(pilot, f"folder:{camera}")
+        await see(pilot, "record now through the cover")
+        pilot.app.screen.query_one("#phase", Select).value = "bare"
         await pilot.press("ctrl+s")
         await see(
             pilot,
@@ -134,8 +144,10 @@ async def _refused_repeat(session: Path, camera: Path) -> None:
 
 
 @pytest.mark.slow
-def test_recorded_pictures_are_asked_about_once_before_they_count_as_bare(tmp_path: Path) -> None:
-    """Nothing says whether they show the cover, and a fit would tell only at its end."""
+def test_recorded_pictures_are_asked_about_once(tmp_path: Path) -> None:
+    """Nothing says whether they show the cover, and a fit would tell only at its end. Most show
+    it, as those of a sealed dome do, so that the program proposes that.
+    """
     camera = tmp_path / "camera"
     camera.mkdir()
     shutil.copy(FIXTURE / "frames" / "0001.jpg", camera)
@@ -145,13 +157,32 @@ def test_recorded_pictures_are_asked_about_once_before_they_count_as_bare(tmp_pa
 async def _asked_about(session: Path, camera: Path) -> None:
     async with running(session) as pilot:
         await see(pilot, "a new session")
-        await describe(pilot, f"folder:{camera}")
+        await describe(pilot, "v4l2:/dev/video0")
+        await see(pilot, "record now without the cover")
+        pilot.app.screen.query_one("#source", Input).value = f"folder:{camera}"
+        await see(pilot, "record now through the cover")
         await pilot.press("ctrl+s")
-        await see(pilot, "Were these pictures taken without the cover? If so, start once more.")
+        await see(pilot, "Were these pictures taken through the cover? If so, start once more.")
         assert not session.exists()
         await until(pilot, lambda: pilot.app.focused is pilot.app.screen.query_one("#phase"))
-        await pilot.press("enter", "down", "enter", "ctrl+s")
+        await pilot.press("ctrl+s")
         await see(pilot, "[THROUGH COVER]")
+
+
+def test_a_choice_of_the_person_is_not_asked_about(brief: Path, tmp_path: Path) -> None:
+    drive(_chosen(tmp_path / "session", (brief / "bare").rename(tmp_path / "pictures")))
+
+
+async def _chosen(session: Path, camera: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        await describe(pilot, f"folder:{camera}")
+        pilot.app.screen.query_one("#phase", Select).value = "bare"
+        await see(pilot, "record now without the cover")
+        await pilot.press("ctrl+s")
+        await see(pilot, "[WITHOUT COVER]")
+        await see(pilot, "esc to name other pictures, or n, then put the cover on.")
+        await see(pilot, "These are few for a lens, 10 are enough: better first add other pictures")
 
 
 @pytest.mark.parametrize(
@@ -160,6 +191,8 @@ async def _asked_about(session: Path, camera: Path) -> None:
         ("folder:bare", False),
         ("folder:session", False),
         ("folder:session/frames", False),
+        ("folder:both", False),
+        ("folder:both/frames", False),
         ("folder:pictures", True),
         ("video:film.mp4", True),
         ("v4l2:/dev/video0", False),
@@ -171,7 +204,38 @@ def test_a_name_or_a_description_says_whether_pictures_show_the_cover(
     monkeypatch.chdir(tmp_path)
     Path("session/frames").mkdir(parents=True)
     Path("session/session.yaml").touch()
+    for kind in ("bare", "frames"):
+        Path("both", kind).mkdir(parents=True)
     assert is_kind_unknown(source) is is_unknown
+
+
+@pytest.mark.parametrize(
+    ("source", "is_likely"),
+    [
+        ("folder:cone", True),
+        ("folder:cone/frames", True),
+        ("folder:lens", False),
+        ("folder:both", False),
+        ("folder:both/bare", False),
+        ("folder:both/frames", True),
+        ("folder:pictures", True),
+        ("video:film.mp4", True),
+        ("v4l2:/dev/video0", False),
+    ],
+)
+def test_the_proposed_phase_fits_the_source(
+    source: str, is_likely: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    board = (
+        "format: 1\nboard: {columns: 9, rows: 9, square_mm: 20}\ncamera: {width: 8, height: 6}\n"
+    )
+    for name, cover in (("cone", "unknown"), ("lens", "none")):
+        Path(name, "frames").mkdir(parents=True)
+        Path(name, "session.yaml").write_text(f"{board}cover: {{shape: {cover}}}\n")
+    for kind in ("bare", "frames"):
+        Path("both", kind).mkdir(parents=True)
+    assert may_show_cover(source) is is_likely
 
 
 def test_the_next_required_field_has_the_focus_after_the_bare_step(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ from capture.finders import make_finder
 from capture.frames import Frame
 from capture.session_file import read_setup
 from capture.tui.child import LOADING, Child
-from capture.tui.collect import CollectScreen
+from capture.tui.collect import FIT_FIRST, CollectScreen
 from capture.tui.diagnosing import as_text
 from capture.tui.effects import EffectsScreen
 from capture.tui.fit import FitScreen
@@ -39,7 +39,16 @@ from capture.tui.fitting import fit_session
 from capture.tui.results import ResultsScreen
 from capture.tui.working_page import WorkingPage
 from fixtures.coded_boards import CHARUCO, LENS
-from tests.capture.tui.driving import SIZES, describe, drive, running, see, shown, until
+from tests.capture.tui.driving import (
+    SIZES,
+    describe,
+    drive,
+    running,
+    see,
+    shown,
+    start_through_cover,
+    until,
+)
 from tests.capture.tui.test_effects import FINDING, NUMBERS, WORDS
 from tests.capture.tui.test_session import FIXTURE
 
@@ -191,7 +200,7 @@ async def continued_setup(pilot: Pilot[None], session: Path) -> None:
 
 async def collect(pilot: Pilot[None], _: Path) -> None:
     await see(pilot, "continued")
-    await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+    await start_through_cover(pilot)
     await see(pilot, "no more pictures")
     await see(pilot, "3 views")
     screen = pilot.app.screen
@@ -201,15 +210,14 @@ async def collect(pilot: Pilot[None], _: Path) -> None:
     )  # it has said all that it will
     await pilot.pause(0.5)
     screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
-    more_views = "More views would improve the result: name other pictures in the set-up."
-    await see(pilot, more_views)
+    await see(pilot, FIT_FIRST)
     screen._improving = True
     screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
     await see(
         pilot, "The fit finds it, and says how accurate the maps are: press f."
     )  # not that it is computed: the lens is not known
     screen.post_message(CollectScreen.GuideImproved(done=True))
-    await see(pilot, more_views)  # the answer comes once it is there
+    await see(pilot, FIT_FIRST)  # the answer comes once it is there
     screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
     await pilot.pause(0.5)
     assert HINT.instruction not in shown(pilot)

@@ -89,6 +89,10 @@ def test_from_a_source_to_maps_over_a_lost_connection(
     first.press("Tab", "Tab", "Tab")
     for text in ("9", "9", "20"):
         first.write(text)
+    first.press("Enter")
+    first.see("cylinder")
+    first.press("c", "Enter")  # the shape is a cone
+    first.see("inner_radius_mm")
     first.press("Tab")
     for text in CONE:
         first.write(text)

@@ -32,6 +32,7 @@ LABELS = {
         ("Press a to add one.", "Touch Add to add one."),
         ("Look at it, and write cover.shape in session.yaml.", "Look at it, and write shape in the Set-up."),  # noqa: E501
         ("source is empty: write one.", "'pictures from' is empty: write one."),
+        ("check square_mm, or radius_slope.", "check square (mm), or radius slope."),
         ("The set-up: board.square_mm is 0: write a number.", "square (mm) is 0: write a number."),
         ("The set-up: cover.tilt_deg is 1: write two.", "tilt (degrees) is 1: write two."),
         ("cover.thickness_mm is -1: write a number in millimetres, or unknown.", "thickness (mm) is -1: write a number in millimetres, or touch 'not known'."),  # noqa: E501
