@@ -127,8 +127,8 @@ class JointFit(Estimate):
     iterations: int
     """The number of linearisations in all rounds."""
     log_evidence: float
-    """The logarithm of the corners' probability, with the shared parameters integrated out, up to a
-    constant that depends on the corners and views only.
+    """The logarithm of the corners' probability with the shared parameters integrated out. It lacks
+    a constant that is the same for all models of the same corners and views.
     """
     log_marginal: float
     """The same with the views' parameters integrated out as well: it compares models whose views
@@ -264,7 +264,8 @@ def marginal_likelihood(
     Args:
         equations: those at the (S,) shared parameters, with the noise `sigma`.
         freedom: the number of residuals minus that of the view parameters.
-        merged_squares: px^2, those of `Observations`.
+        merged_squares: px^2, the squares of merged corners about their averages
+            (`Observations`).
     """
     reduced = equations.eliminate_blocks()
     hessian = reduced.hessian.cpu().numpy() * sigma**2

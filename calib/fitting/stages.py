@@ -61,8 +61,8 @@ def fit_stages(
             None if each view has a pose of its own.
         decided: an earlier fit of these views, whose decision on the board's bend is taken over,
             with its error for a flat board; None to decide here.
-        purpose: a few words for the progress bar that distinguish this fit from others of the
-            session, of at most 14 characters.
+        purpose: the name of this fit in the progress bar, among the fits of the session; at most 14
+            characters.
 
     Raises:
         InputError: no ray of the camera leaves the cover.
