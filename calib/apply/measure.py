@@ -1,10 +1,14 @@
 """Metric measurement with one calibrated camera: points on a known plane, or triangulated from
 several views of a static board. Results are in metres, with sigma.
 
-Sigma includes the noise of the pixels, the uncertainty of the calibration's rays, which pixels and
-boards share, the noise of the corners of the boards that define the planes, and the tolerance of
-the side of their squares. It does not include a board that is not flat, nor glass whose shape the
-fit cannot describe.
+Sigma includes four parts: the noise of the pixels; the uncertainty of the calibration's rays, which
+pixels and boards share; the noise of the corners of the boards that define the planes; and the
+tolerance of the side of their squares. It does not include a board that is not flat, nor glass
+whose shape the fit cannot describe.
+
+A ray is a line in a frame along its direction, by two pairs of numbers. A is the tangents of its
+angles to that frame's z axis, times the focal lengths (px). B is the point where it crosses the
+plane z = 0, times the focal lengths (px m).
 """
 
 from __future__ import annotations
@@ -60,12 +64,12 @@ class BoardPose:
     pose: Array
     """(6,) rotation vector (rad) and translation (m)."""
     noise: Array
-    """(6, 6) errors for each of six independent errors of unit variance, from the noise of the
-    corners.
+    """(6, 6) changes of the pose, one column for each of six independent errors of unit variance.
+    They are the effect of the corners' noise.
     """
     rays: Array
-    """(6, S + 1) errors for each independent error of the calibration's rays, and for the error of
-    the squares' side.
+    """(6, S + 1) changes of the pose, one column for each independent error of the calibration's
+    rays, and the last for the error of the squares' side.
     """
 
     @staticmethod
@@ -100,7 +104,9 @@ class MeasuredPoints:
     noise: Array
     """(N, 3, 3) m^2: covariance from the noise of each point's pixels."""
     shared: Array
-    """(N, 3, Q) m: errors for each of Q independent errors of unit variance that points share."""
+    """(N, 3, Q) m: changes of the points, one column for each of Q independent errors of unit
+    variance that the points share.
+    """
     gap_px: Array
     """(N,): root mean square angle between a triangulated point and its rays, in px of the mean
     focal length; 0 on a plane.
@@ -360,7 +366,7 @@ class Measurer:
 
     def _ray_frames(self, pixels: Array) -> Array:
         """Return (N, 3, 3) rotations from the camera frame to a frame along each pixel's ray. In
-        that frame a ray has A and B at any angle from the camera's axis.
+        that frame A and B are finite, however far the ray is from the camera's axis.
         """
         return frames_along(self.calibration.rays(pixels)[1])
 

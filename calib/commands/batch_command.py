@@ -90,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--workers",
         type=_workers,
         metavar="N",
-        help="number of workers (default: one a core, as far as the memory reaches)",
+        help="number of workers (default: one for each core, or fewer if the memory is too small)",
     )
     parser.add_argument(
         "--memory",

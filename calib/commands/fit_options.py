@@ -40,8 +40,8 @@ def add_fit_options(parser: Options, *, default_folds: int = 0) -> None:
         help=(
             "declared numbers to estimate. all: every number that is not exact; none: those with a"
             " sigma only; NAME,...: some of radius, slope, offset, centre, distance, tilt,"
-            " thickness, index, intrinsics; auto (the default): as all, but as none if an estimate"
-            " leaves its tolerance and the pictures do not clearly favour it"
+            " thickness, index, intrinsics; auto (the default): all; or none, if an estimate leaves"
+            " its tolerance and the pictures do not clearly favour it"
         ),
     )
     default = f" (default: {default_folds})" if default_folds else ""

@@ -77,8 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     rectify = _add_action(
         actions,
         "rectify",
-        "Make the maps that show a pair row-aligned at a depth, and say how far rows are off at"
-        " other depths.",
+        "Make the maps that show a point in the same row of both pictures of a pair, at one depth;"
+        " and say by how many pixels the rows differ at other depths.",
     )
     depth_action = _add_action(
         actions,
@@ -112,7 +112,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=finite_depth,
         nargs=2,
         metavar=("NEAR", "FAR"),
-        help="depths over which rows are to be off least (default: half and twice --depth)",
+        help="depths between which the rows should agree best (default: half and twice --depth)",
     )
     depth_action.add_argument("left", type=Path, metavar="PICTURE", help="of the left camera")
     depth_action.add_argument("right", type=Path, metavar="PICTURE", help="of the right camera")

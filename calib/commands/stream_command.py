@@ -50,8 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--depth",
         type=depth,
         metavar="METRES",
-        help="how far away the scene is, in metres; with --depth-image, how far its unknown pixels"
-        " are",
+        help="how far away the scene is, in metres; with --depth-image, the distance of its"
+        " unknown pixels",
     )
     parser.add_argument(
         "--depth-image",

@@ -5,7 +5,7 @@ held-out views before and after.
 2. Search for effects that held-out views confirm (`run_search`), and for others that explain the
    views as well (`find_families`).
 3. Measure both fits on held-out views.
-4. Say what is left: its size above the noise, and what organises it.
+4. Describe the error that remains: its size above the noise, and its pattern.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ def _with_result(
     estimates_others = _names(state.model) != _names(state.problem.base)
     if not (state.model.effects or calibration.effects or estimates_others):
         return calibration
-    # A search that has come to estimate the held numbers leaves no `free_base`.
+    # If the search went over to estimating the held numbers, its problem has no `free_base`.
     fitted_from = calibration if state.problem.free_base else with_free
     return with_fit(fitted_from, state.model, state.joint, calibration.observations)
 
@@ -201,8 +201,9 @@ class _HoldoutErrors:
         holdout: Session,
         progress: Progress,
     ) -> _HoldoutErrors:
-        """Evaluate the three calibrations. If views have numbers of their own after the search,
-        each half of a view's corners is measured with those of the other half.
+        """Evaluate the three calibrations. If each view has numbers of its own after the search,
+        they come from one half of its corners, and the error is measured on the other half; then
+        the halves change places.
         """
         halves = extended.model()[0].has_private_blocks
         return _HoldoutErrors(
@@ -215,8 +216,9 @@ class _HoldoutErrors:
 def _begin(
     calibration: Calibration, with_free: Calibration, report: Callable[[str], None]
 ) -> SearchState:
-    """Return the state before the search: the fit of the calibration's model without an effect that
-    the fit of the session added, since held-out views decide on every cause.
+    """Return the state before the search: a fit of the calibration's model. If the fit of the
+    session added a bend or a stretched print of the board, it is left out here, because held-out
+    views have to confirm every cause.
 
     Args:
         with_free: the calibration with every number estimated.

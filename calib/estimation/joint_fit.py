@@ -40,8 +40,8 @@ from calib.session.schema import Number
 FIRST_SIGMA = 0.1
 """px: the noise with which a fit starts."""
 GOOD_GLASS = Smoothness(height=1e-7, length=0.4)
-"""The start of a fit that should explain as much as possible by its free parameters. A relief with
-a loose prior would drift along directions that these can imitate.
+"""The start of a fit that should explain as much as possible by its free parameters. With a loose
+prior, the relief would imitate them and drift together with them.
 """
 UNEVEN_GLASS = Smoothness(height=1e-5, length=0.4)
 """The start of a fit that should explain as much as possible by the glass."""
@@ -127,8 +127,8 @@ class JointFit(Estimate):
     iterations: int
     """The number of linearisations in all rounds."""
     log_evidence: float
-    """The logarithm of the corners' probability, with the shared parameters integrated out, up to a
-    constant that depends on the corners and views only.
+    """The logarithm of the corners' probability with the shared parameters integrated out. It lacks
+    a constant that is the same for all models of the same corners and views.
     """
     log_marginal: float
     """The same with the views' parameters integrated out as well: it compares models whose views
@@ -198,10 +198,10 @@ def fit_joint(
             solution.equations, shared, freedom, sigma, parameters, observations.merged_squares
         )
         gradient = reduced.gradient + problem.precision @ shared
-        missed = float(gradient @ covariance @ gradient)
-        # The evidence takes the error at the minimum of its quadratic, which a fit that is stuck
-        # does not reach.
-        log_evidence = evidence.log(sigma, smoothness) - missed / 2
+        excess = float(gradient @ covariance @ gradient)
+        # The evidence assumes the cost at the minimum of its quadratic. A fit that is stuck has a
+        # larger cost, by this excess.
+        log_evidence = evidence.log(sigma, smoothness) - excess / 2
     return JointFit(
         values=parameters.values(shared),
         poses=poses,
@@ -264,7 +264,8 @@ def marginal_likelihood(
     Args:
         equations: those at the (S,) shared parameters, with the noise `sigma`.
         freedom: the number of residuals minus that of the view parameters.
-        merged_squares: px^2, those of `Observations`.
+        merged_squares: px^2, the squares of merged corners about their averages
+            (`Observations`).
     """
     reduced = equations.eliminate_blocks()
     hessian = reduced.hessian.cpu().numpy() * sigma**2

@@ -4,7 +4,8 @@
 2. Give the unknown shape, the unknown numbers and the grid of the relief a start.
 3. Fit, correct the views, and fit again (`RepeatedFit`).
 4. Decide how far to trust the declared numbers (`resolve_prior_conflict`).
-5. Let the covariance count views, and cross-validate if that was asked for.
+5. Widen the covariance by the scatter of the views (`count_views`), and cross-validate if the
+   settings ask for that.
 """
 
 from collections.abc import Mapping, Sequence
@@ -54,8 +55,8 @@ GAUGES = {
     ),
     "joint": (
         "camera frame at the pinhole; cover and intrinsics near what is stated, or what bare/"
-        " gives, by their tolerances; the relief's figure free, what is finer near zero by its"
-        " prior"
+        " gives, by their tolerances; the relief's overall form free, its finer detail near zero"
+        " by its prior"
     ),
 }
 
@@ -135,8 +136,8 @@ def fit(
 def _resolve(
     repeated: RepeatedFit, expectation: Expectation | None
 ) -> tuple[ResolvedFit, FleetPriorTest | None]:
-    """Return the fit whose treatment of the declared numbers the views support; and the test of the
-    fleet's prior, if the session has one.
+    """Return the fit that keeps or corrects the declared numbers, as the views support; and the
+    test of the fleet's prior, if the session has one.
     """
     fitted, setup = repeated.fitted, repeated.setup
     views, settings, progress = repeated.views, repeated.settings, repeated.progress
@@ -167,8 +168,8 @@ def _with_unknown_numbers(
 
 
 def _camera_sigma(resolved: ResolvedFit, choice: ShapeChoice | None) -> Mapping[str, float]:
-    """Return the standard deviations in px of the pinhole's numbers over all explanations that are
-    about as probable; empty for one explanation.
+    """Return the standard deviations in px of fx, fy, cx and cy over all explanations that fit the
+    views about equally well; empty if there is only one.
     """
     if resolved.rival:
         return camera_sigma([resolved.fitted, resolved.rival])
@@ -200,7 +201,9 @@ def _with_grid(
 def _with_uncertainty(
     resolved: ResolvedFit, views: Sequence[View], session: Session
 ) -> tuple[JointFit | None, Uncertainty | None]:
-    """Return the joint fit with a covariance that counts views, and how it scatters."""
+    """Return the joint fit with its covariance widened by the scatter of the views, and a record of
+    that scatter, None without a joint fit.
+    """
     fitted, setup = resolved.fitted, resolved.setup
     if not (fitted.joint and fitted.model):
         return fitted.joint, None

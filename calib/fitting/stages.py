@@ -35,7 +35,9 @@ from calib.session.cover import EVEN
 MAX_LOST_FRACTION = 0.2
 """If the rays of a larger fraction of corners fail, the described cover cannot be right."""
 START_TOLERANCE = 1e-6
-"""The same as `TOLERANCE` for the start of a fit to very many corners."""
+"""The tolerance of the poses behind the smooth cover if there are very many corners, in place of
+`TOLERANCE`.
+"""
 
 
 def fit_stages(
@@ -57,10 +59,10 @@ def fit_stages(
             starts.
         labels: (V,) labels of the board's poses, as `calib.corners.view.pose_labels` gives them;
             None if each view has a pose of its own.
-        decided: an earlier fit of these views, which decided on the board's bend; None to decide.
-            Its error with a flat board is kept.
-        purpose: a few words for the progress bar that distinguish this fit from others of the
-            session, of at most 14 characters.
+        decided: an earlier fit of these views, whose decision on the board's bend is taken over,
+            with its error for a flat board; None to decide here.
+        purpose: the name of this fit in the progress bar, among the fits of the session; at most 14
+            characters.
 
     Raises:
         InputError: no ray of the camera leaves the cover.
@@ -119,7 +121,7 @@ def _bare_residual(setup: Setup, observations: Observations, declared: Residuals
 
     If the lens is declared, these are `declared`. If it is unknown, they are those of
     `setup.bare_lens`, with a pose for each view of a flat board. `calibrate_bare` fits that lens
-    together with the board's bend, so another lens may leave less here.
+    together with the board's bend, so for a flat board another lens may have smaller residuals.
     """
     if not setup.bare_lens:
         return declared

@@ -93,8 +93,9 @@ class Path:
     its pose.
     """
     camera_block: str = ""
-    """FOCAL if every view has a focal length of its own, by a fraction from that which they share;
-    CENTRE if it has a principal point of its own, by px; empty if views share the camera.
+    """FOCAL if every view has a focal length of its own, given as the fraction by which it is
+    longer than the shared one; CENTRE if every view has a principal point of its own, given as a
+    shift in px; empty if views share the camera.
     """
     block_scales: tuple[tuple[str, float], ...] = ()
     """(block, scale): the size of a per-view block over its largest plausible size; 1 for a block
@@ -228,8 +229,11 @@ class Path:
             yield from landing.linear_terms()
 
     def trace_from(self, rays: Rays, values: Values, passed: int) -> Rays:
-        """Return rays where they leave the cover. They have passed the first `passed` stages, of
-        which the lens is one, and the values are adjusted.
+        """Return rays where they leave the cover.
+
+        Args:
+            rays: rays that have passed the first `passed` stages. The lens counts as one.
+            values: the values after all adjustments.
         """
         if not records(rays, values):
             return self._cross_cover(rays, values, frozenset(), passed)[0].rays
@@ -250,14 +254,14 @@ class Path:
         """Trace (M, 2) px to where their rays leave the cover.
 
         Args:
-            names: the parameters by which the rays are differentiated. The outer relief's
-                amplitudes are given by its probes, and linear adjustments by theirs.
+            names: the parameters by which the rays are differentiated. The amplitudes of the
+                outer relief and the numbers of linear adjustments have no derivatives of their own:
+                those by their probes stand for them.
             cameras: (M, 1 or 2) the numbers of each ray's own camera, if `camera_block` is set.
             near: that of `Lens`.
 
         Returns:
-            The trace, whose derivatives are by name, by PIXELS, and by OWN if there are own
-            cameras.
+            The trace. Its derivatives are by name, by PIXELS, and by OWN if `cameras` is given.
         """
         moved, adjusted, adjust_back = self._adjust_with_derivatives(
             pixels, values, exposure, names, cameras
@@ -383,8 +387,8 @@ class Path:
         poses: Tensor,
         exposure: Exposure | None,
     ) -> tuple[Tensor, Tensor]:
-        """Return the (..., 2) m from corners, as `planes` takes them, to where the rays of (..., 2)
-        px land in their planes, and (...) uint8 failures.
+        """Return the (..., 2) m offsets from corners, in the form of `planes`, to the points where
+        the rays of (..., 2) px land in the corners' planes, and (...) uint8 failures.
         """
         rays = self.trace(pixels, self.values_of_views(values, poses), exposure)
         corners, planes = self.planes(corners, Placement.of(poses).at_exposure(exposure))
@@ -411,8 +415,8 @@ class Path:
         rays: Rays | None = None,
     ) -> Tensor:
         """Return the (..., 3) m points in the camera frame of (..., 2 or 3) m board coordinates, on
-        boards with (..., B) view parameters, pose first. With (...) rays, return where glass before
-        the board lets them appear.
+        boards with (..., B) view parameters, pose first. If there is glass on the board, (...) rays
+        say from where it is seen, and the points are those where the corners appear.
         """
         return self.target.place(corners, Placement.of(poses).at_exposure(exposure), values, rays)
 

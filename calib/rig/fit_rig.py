@@ -89,7 +89,9 @@ def fit_rig(
 
 
 def _with_shared_covers(description: RigDescription) -> dict[str, Session]:
-    """Return the session of each camera; behind a shared cover, with that of the first camera."""
+    """Return the session of each camera. Sessions of cameras that share a cover have the cover of
+    the first of them.
+    """
     return {
         name: replace(session, cover=description.sessions[description.covers[name]].cover)
         if name in description.covers
@@ -130,8 +132,8 @@ def _start(
 def _turned_views(
     calibrations: Mapping[str, Calibration], start: RigStart
 ) -> dict[str, tuple[str, ...]]:
-    """Return the names of the views whose board stands turned against that of the other cameras,
-    by the cameras that have such views.
+    """Return, for each camera that has any, the names of its views whose corners are numbered as if
+    the board were turned against that of the other cameras.
     """
     return {
         name: tuple(
@@ -147,8 +149,8 @@ def _turned_views(
 def _corrected_views(
     calibrations: Mapping[str, Calibration], start: RigStart
 ) -> dict[str, tuple[View, ...]]:
-    """Return the views of each camera that has turned or inconsistent ones: their corners in the
-    order of the same board, without the inconsistent views.
+    """Return the corrected views of each camera that has turned or inconsistent ones: turned views
+    with renumbered corners, and no inconsistent views.
     """
     corrected: dict[str, tuple[View, ...]] = {}
     for name, calibration in calibrations.items():
@@ -239,7 +241,7 @@ def _alone_px(calibration: Calibration, dropped: NDArray[np.bool_]) -> float:
 
 
 def _used_placements(placements: Placements, dropped: Mapping[str, NDArray[np.bool_]]) -> list[int]:
-    """Return the placements of which a view is left."""
+    """Return the indices of the placements that have at least one view that was not dropped."""
     used = {
         int(place)
         for name, places in placements.of_views.items()

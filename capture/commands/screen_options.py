@@ -24,7 +24,7 @@ def add_screen(parser: argparse.ArgumentParser) -> None:
         "--poses",
         type=_poses,
         metavar="N",
-        help=f"poses of the screen that the session shall have (default: {POSES})",
+        help=f"number of poses of the screen to record (default: {POSES})",
     )
     group.add_argument(
         "--pitch-mm",

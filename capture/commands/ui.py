@@ -85,8 +85,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--cover-from",
         action="append",
         metavar="FILE",
-        help="session.yaml that describes cover and camera of a new session with --screen or of all"
-        " cameras of a rig, or NAME=FILE for each camera",
+        help="session.yaml that describes cover and camera of a new session with --screen;"
+        " of a rig, FILE for all cameras, or NAME=FILE for each",
     )
     add_screen(parser)
     parser.usage = "%(prog)s SESSION [options]"

@@ -1,4 +1,4 @@
-"""The way of a stream: the newest frame of a source, straightened, to every target."""
+"""A stream takes the newest frame of a source, straightens it, and sends it to every target."""
 
 import threading
 import time
@@ -19,11 +19,13 @@ RETRY_S = 1.0
 """The time in s between two attempts to open a camera that has gone."""
 
 Ending = Literal["source", "interrupted", "reader"]
-"""What ended a stream: its source has no more frames, the person, or the reader of a pipe."""
+"""The cause of a stream's end: its source has no more frames, the person interrupted it, or the
+reader of a pipe has gone.
+"""
 
 
 class PictureMaker(Protocol):
-    """What makes the pictures: a `Straightener`, which loads torch."""
+    """The interface of `Straightener`, which this module does not import because it loads torch."""
 
     @property
     def depth_images(self) -> int | None:
@@ -36,7 +38,7 @@ class PictureMaker(Protocol):
 
 
 class StreamListener(Protocol):
-    """Whoever tells the person about a stream."""
+    """A receiver of the messages that a person should see."""
 
     def tell(self, sentence: str) -> None:
         """Show a sentence, from any thread."""
@@ -64,9 +66,10 @@ class Stream:
         """
         Args:
             open_source: returns the source, and again after its camera has gone.
-            straightener: makes the pictures.
-            targets: get them, one after the other. More may be added before the run.
-            listener: gets what a person should know.
+            straightener: the maker of the straight pictures.
+            targets: the receivers of each picture, in this order. The caller may add more before
+                `run`.
+            listener: the receiver of the messages for a person.
             paced: true if a recorded video is shown to a person, at the rate at which it was taken;
                 otherwise its frames come as fast as they can be read.
         """
@@ -113,8 +116,8 @@ class Stream:
             self._reader.close()
 
     def _forward_frames(self, stack: ExitStack) -> None:
-        """Forward frames until the source ends. The targets open with the first source, on the
-        stack: no address is told of a camera that is not there.
+        """Forward frames until the source ends. The targets open after the first source, on the
+        stack, so no address is printed for a camera that is missing.
         """
         source = self._open_source()
         skipped = self.statistics.skipped
