@@ -80,7 +80,8 @@ def differing_views(case: Case) -> Iterator[Reason]:
     if differing and gain:
         groups = (variation.group for variation in differing.variations)
         suspects = tuple(group.name for group in groups if group.has_cause)
-        glass = WITHOUT_COVER.format(cover=case.next.unknown_cover) if window_possible else ""
+        asks = window_possible and not case.tried_all_shapes
+        glass = WITHOUT_COVER.format(cover=case.next.unknown_cover) if asks else ""
         yield Reason(f"{glass}{differing}", command, suspects)
 
 

@@ -87,7 +87,7 @@ def residual(case: Case) -> Iterator[Reason]:
         is_dense = board.is_flat and not board.has_grid
         if is_dense and case.calibration.cover.shape != "none":
             sentence += " The report shows the glass in detail: look for drops and scratches."
-    if case.calibration.cover.shape == "none":
+    if case.calibration.cover.shape == "none" and not case.tried_all_shapes:
         sentence += f" {COVER_QUESTION}"
     diagnosed = case.calibration.history.diagnosis is not None
     suspects = tuple(dict.fromkeys(name for effect, _ in likely for name in suspects_of(effect)))

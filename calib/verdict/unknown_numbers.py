@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from calib.apply.map_uncertainty import map_sigmas
+from calib.effects.flat_port import FlatPort
 from calib.fitting.declared import Comparison, comparisons
 from calib.session.parameter_names import CAMERA
 from calib.session.shapes.layer import AIR, medium_word
@@ -51,13 +52,15 @@ def _unseen_cover(case: Case) -> Iterator[Reason]:
     changes = case.calibration.outcome.shape_map_changes_px or {}
     sigma = max(map_sigmas(case.calibration, case.usual_depths).values(), default=0.0)
     rivals = {name: change for name, change in changes.items() if change > sigma}
-    if not rivals:
+    has_window = any(isinstance(added.effect, FlatPort) for added in case.calibration.effects)
+    if not rivals or has_window:
         return
     listed = " or ".join(find_shape(name).words for name in rivals)
     sentence = (
         f"these pictures do not show a cover: {listed} explains them as well, and the maps would"
         f" differ by {max(rivals.values()):.2g} px. If there is a cover, write its shape in"
-        f" {case.next.description}, with its numbers."
+        f" {case.next.description}, with its numbers, and look whether outside_index is right: 1 in"
+        " air, 1.333 in water."
     )
     yield Reason(sentence, case.next.fit(), ("cover.shape",))
 

@@ -5,10 +5,12 @@ from dataclasses import replace
 import pytest
 
 from calib.calibration import Calibration
+from calib.calibration_content import Stage
 from calib.effects.board_scale import BoardScale
 from calib.effects.lens import LensEffect
 from calib.verdict import residual as module
-from calib.verdict.residual import residual
+from calib.verdict.residual import COVER_QUESTION, residual
+from tests.diagnosis.hide import without_cover
 from tests.verdict.cases import asked
 
 
@@ -28,3 +30,13 @@ def test_each_suspected_effect_says_how_much_it_explains(
     monkeypatch.setattr(module, "likely_effects", lambda _: [(scale, 0.3)])
     (reason,) = asked(residual, noisy)
     assert "). A fit with board_scale would have 30 % less error." in reason.sentence
+
+
+def test_a_cover_is_asked_for_unless_all_shapes_were_tried() -> None:
+    bare = without_cover(BoardScale(), {"board_scale.x_over_y": 0.01}, 0.01)
+    bare = replace(bare, noise_px=0.01, stages=(Stage("pinhole", 0.5, 0.1),))
+    (reason,) = asked(residual, bare)
+    assert COVER_QUESTION in reason.sentence
+    odds = {"none": 0.0, "dome": -3.0}
+    (reason,) = asked(residual, replace(bare, outcome=replace(bare.outcome, shape_log_odds=odds)))
+    assert COVER_QUESTION not in reason.sentence
