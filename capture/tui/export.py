@@ -380,8 +380,8 @@ def is_map(path: Path) -> bool:
 
 def _describe_straight(written: Sequence[Path], depths: Sequence[str], folder: Path) -> str:
     count = f"{len(written)} straight picture{'s' * (len(written) > 1)}"
-    metres = " and ".join(f"{depth} m" for depth in depths)
-    return f"Wrote {count} for {metres}\nin {harmless(str(folder.resolve()))}"
+    folders = " and ".join(f"{STRAIGHT}_{depth}m" for depth in depths)
+    return f"Wrote {count} into {folders}\nin {harmless(str(folder.resolve()))}"
 
 
 def _describe_files(written: Sequence[Path]) -> str:
