@@ -38,15 +38,26 @@ def drop_idle(state: SearchState, newest: Effect | None = None) -> tuple[SearchS
         idle = not imitated and _is_idle(state, effect)
         if not (idle or imitated):
             continue
-        fit = state.evaluations.refit_without(effect)
-        observations = state.problem.observations
-        joint = fit.model.fit(observations, fit.joint.poses, fit.joint.start, ROUNDS)
-        if not joint.finite:
+        without = drop(state, effect)
+        if without is state:
             continue
-        if idle or joint.log_marginal > state.joint.log_marginal or _is_idle(state, effect):
-            state = state.with_fit(ModelFit(fit.model, joint))
-            state = replace(state, dropped=state.dropped | {effect.name})
+        is_better = without.joint.log_marginal > state.joint.log_marginal
+        if idle or is_better or _is_idle(state, effect):
+            state = without
     return state, state.dropped != dropped
+
+
+def drop(state: SearchState, effect: Effect) -> SearchState:
+    """Return the state without an effect that was accepted; the same state if no fit without it is
+    finite.
+    """
+    fit = state.evaluations.refit_without(effect)
+    observations = state.problem.observations
+    joint = fit.model.fit(observations, fit.joint.poses, fit.joint.start, ROUNDS)
+    if not joint.finite:
+        return state
+    state = state.with_fit(ModelFit(fit.model, joint))
+    return replace(state, dropped=state.dropped | {effect.name})
 
 
 def _is_clearly_needed(state: SearchState, effect: Effect, effects: Sequence[Effect]) -> bool:

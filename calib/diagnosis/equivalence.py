@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from calib.diagnosis.backward_elimination import drop_idle
+from calib.diagnosis.backward_elimination import drop, drop_idle
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.search import simplify
 from calib.diagnosis.search_state import SearchState
@@ -72,8 +72,9 @@ class Rival:
 def find_families(state: SearchState) -> tuple[SearchState, tuple[Family, ...]]:
     """Return the families of the accepted effects.
 
-    A more probable rival replaces an accepted effect. Effects that then become idle are dropped,
-    and the others get the simplest forms that suffice.
+    A more probable rival replaces an accepted effect. If the rival differs from view to view and
+    has no name there, the effect is dropped instead. Effects that then become idle are dropped, and
+    the others get the simplest forms that suffice.
     """
     state = simplify(state)
     previous = state.model
@@ -132,6 +133,9 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
     weighted = odds * [member.prior_odds for member in members]
     probabilities = weighted / weighted.sum()
     best = int(np.argmax(probabilities))
+    if best and members[best].varies and not _has_name(state, effect, members[best]):
+        # something without a name differs from view to view, and a part of it looks like the effect
+        return (drop(state, effect) if effect.has_cause else state), effect.name, None
     if best:
         state = _replace_effect(state, rivals[best - 1])
     name = members[best].name
@@ -155,6 +159,18 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
             experiment = f"To find out, {ADVICE[likeliest_name]}."
     ordered = sorted(shares.items(), key=lambda item: -item[1])
     return state, name, Family(f"something about {subject}", dict(ordered), experiment)
+
+
+def _has_name(state: SearchState, effect: Effect, rival: Effect) -> bool:
+    """Return True if numbers that differ from view to view would have a name without an effect: a
+    rival without one describes a part of an error that has no name either.
+    """
+    fitted, context = _without(state, effect)
+    differing = Differing.of(fitted, context) if fitted.joint.finite else None
+    named = differing.variations if differing else ()
+    return any(
+        rival.name == named_effect.name for v in named for named_effect in v.effects(context)
+    )
 
 
 def _evidence_scale(state: SearchState, effect: Effect, likeliest: Effect, fit: ModelFit) -> float:
