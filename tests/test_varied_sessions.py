@@ -396,3 +396,17 @@ def test_a_cause_that_no_model_has_forbids_a_name_alone() -> None:
     assert "rolling_shutter" in rest
     assert "use one board" in family.experiment
     assert family.members["board_scale"] > 0.5
+
+
+@pytest.mark.slow
+def test_a_part_of_what_has_no_name_gets_none() -> None:
+    """The corners of each picture are shifted by a smooth field of its own. A bump on the glass
+    follows a part of it, and a bend of the board in each view a larger part; neither is a cause.
+    """
+    cause = cause_of("smooth-field/each")
+    seed = len((*CAUSES, CLEAN)) * 320003 + CAUSES.index(cause)
+    varied = varied_session("dome", cause, seed, SIZES["ten"], 24)
+    _, diagnosis = diagnose(calibrated(varied.scene, varied.setup, Settings()), Silent())
+    assert not diagnosis.accepted
+    assert diagnosis.differing
+    assert not diagnosis.differing.first.group.has_cause
