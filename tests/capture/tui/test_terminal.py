@@ -122,8 +122,8 @@ def test_from_a_source_to_maps_over_a_lost_connection(
     second.see(f"The calibration is in {session / 'calibration'}")
     second.see(f"Exported {session / 'export' / 'map_1m.npz'}")
     second.see(
-        f"Next: calib undistort {session / 'calibration'} {session / 'frames'} --depth 1 -o"
-        f" {session / 'undistorted'}"
+        f"Next: calib undistort {session / 'calibration'} {session / 'frames'} --depth 1"
+        f" --crop 0 -o {session / 'undistorted'}"
     )
 
     third = Tmux(
