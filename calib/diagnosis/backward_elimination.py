@@ -38,7 +38,7 @@ def drop_idle(state: SearchState, newest: Effect | None = None) -> tuple[SearchS
         idle = not imitated and _is_idle(state, effect)
         if not (idle or imitated):
             continue
-        without = drop(state, effect)
+        without = drop_effect(state, effect)
         if without is state:
             continue
         is_better = without.joint.log_marginal > state.joint.log_marginal
@@ -47,7 +47,7 @@ def drop_idle(state: SearchState, newest: Effect | None = None) -> tuple[SearchS
     return state, state.dropped != dropped
 
 
-def drop(state: SearchState, effect: Effect) -> SearchState:
+def drop_effect(state: SearchState, effect: Effect) -> SearchState:
     """Return the state without an effect that was accepted; the same state if no fit without it is
     finite.
     """

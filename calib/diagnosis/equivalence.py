@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from calib.diagnosis.backward_elimination import drop, drop_idle
+from calib.diagnosis.backward_elimination import drop_effect, drop_idle
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.search import simplify
 from calib.diagnosis.search_state import SearchState
@@ -135,7 +135,7 @@ def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Fami
     best = int(np.argmax(probabilities))
     if best and members[best].varies and not _has_name(state, effect, members[best]):
         # something without a name differs from view to view, and a part of it looks like the effect
-        return (drop(state, effect) if effect.has_cause else state), effect.name, None
+        return (drop_effect(state, effect) if effect.has_cause else state), effect.name, None
     if best:
         state = _replace_effect(state, rivals[best - 1])
     name = members[best].name
