@@ -233,13 +233,13 @@ def _dispersion(args: argparse.Namespace, index: float) -> Dispersion | None:
 
 def _remarks(immersion: "Immersion") -> Iterator[str]:
     """Yield a sentence for each limit of the result that a person must know."""
+    from calib.apply.asked_depths import UNUSABLE
+
     if not immersion.after_px:
         yield (
             "the fit estimated no covariance, so the uncertainty of these maps is unknown: fit with"
             " --method joint."
         )
-    from calib.apply.asked_depths import UNUSABLE
-
     if immersion.unknown:
         largest = max(immersion.after_px, default=0.0)
         unusable = "do not use these maps yet: " if largest > UNUSABLE else ""

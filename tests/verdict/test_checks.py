@@ -36,7 +36,7 @@ from calib.verdict.depths import one_depth, requested_depths
 from calib.verdict.judge import CHECKS
 from calib.verdict.medium import implausible_indices, medium
 from calib.verdict.principal_point import SENSOR_MODES, other_mode, principal_point
-from calib.verdict.residual import COVER_QUESTION, asks_for_cover, residual
+from calib.verdict.residual import residual
 from calib.verdict.thresholds import BEYOND_NOISE, NO_BETTER, TAKEN_UP, WORSE_THAN_BARE
 from calib.verdict.uncertainty import (
     reached_depths,
@@ -47,7 +47,7 @@ from calib.verdict.uncertainty import (
 from calib.verdict.unevenness import unevenness
 from calib.verdict.unknown_numbers import unknown_shape
 from calib.verdict.unseen_row import extra_rows, unseen_row
-from calib.verdict.verdict import MAPS_HOLD, Reason, Trust, Verdict
+from calib.verdict.verdict import MAPS_HOLD, Reason, Trust
 from fixtures.calibrated import CAMERA, tolerant, with_outcome
 from fixtures.calibrated import calibrated as fixed_calibration
 from fixtures.synthetic import COVERS, FLAT_PLACE, INTRINSICS, glass, held, paper_cone, scene
@@ -591,11 +591,3 @@ def calibrated_from(session: Path) -> Calibration:
     from calib.session.session import read_session
 
     return fit(read_session(session), FAST)
-
-
-def test_a_lens_that_may_look_through_a_cover_is_asked_about(good: Calibration) -> None:
-    """The cover may cause what such a fit says of the board."""
-    worse = replace(good, stages=(*good.stages[:-1], replace(good.stages[-1], rms_px=0.5)))
-    question = Reason(f"the error is 0.5 px. {COVER_QUESTION}", "calib diagnose it")
-    assert asks_for_cover(Verdict((question,), "calib report"))
-    assert not asks_for_cover(Verdict(tuple(asked(residual, worse)), "calib report"))

@@ -9,7 +9,8 @@ from calib.calibration_content import Stage
 from calib.effects.board_scale import BoardScale
 from calib.effects.lens import LensEffect
 from calib.verdict import residual as module
-from calib.verdict.residual import COVER_QUESTION, residual
+from calib.verdict.residual import COVER_QUESTION, asks_for_cover, residual
+from calib.verdict.verdict import Reason, Verdict
 from tests.diagnosis.hide import without_cover
 from tests.verdict.cases import asked
 
@@ -40,3 +41,11 @@ def test_a_cover_is_asked_for_unless_all_shapes_were_tried() -> None:
     odds = {"none": 0.0, "dome": -3.0}
     (reason,) = asked(residual, replace(bare, outcome=replace(bare.outcome, shape_log_odds=odds)))
     assert COVER_QUESTION not in reason.sentence
+
+
+def test_a_lens_that_may_look_through_a_cover_is_asked_about(good: Calibration) -> None:
+    """The cover may cause what such a fit says of the board."""
+    worse = replace(good, stages=(*good.stages[:-1], replace(good.stages[-1], rms_px=0.5)))
+    question = Reason(f"the error is 0.5 px. {COVER_QUESTION}", "calib diagnose it")
+    assert asks_for_cover(Verdict((question,), "calib report"))
+    assert not asks_for_cover(Verdict(tuple(asked(residual, worse)), "calib report"))
