@@ -167,10 +167,8 @@ def _has_name(state: SearchState, effect: Effect, rival: Effect) -> bool:
     """
     fitted, context = _without(state, effect)
     differing = Differing.of(fitted, context) if fitted.joint.finite else None
-    named = differing.variations if differing else ()
-    return any(
-        rival.name == named_effect.name for v in named for named_effect in v.effects(context)
-    )
+    variations = differing.variations if differing else ()
+    return rival.name in {named.name for v in variations for named in v.effects(context)}
 
 
 def _evidence_scale(state: SearchState, effect: Effect, likeliest: Effect, fit: ModelFit) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LEAST = 1e-300
-"""px^2"""
+"""px^2, in place of 0, which has no logarithm."""
 ROUNDING = 1e-12
 """Of a sum, relative to the sum of the absolute values."""
 FLIPS = 20_000

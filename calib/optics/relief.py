@@ -23,6 +23,7 @@ derivatives by these three, `spread` computes those by every amplitude.
 """
 
 INSET_CENTRES = 12
+"""The number of centres beyond which the inset keeps its number of spacings."""
 INSET = 4 / (INSET_CENTRES - 1)
 """The inset of a fitted relief: two spacings of twelve centres, and of more. The heights at as many
 points as there are centres determine the amplitudes. If these points reached to the outermost
